@@ -50,16 +50,16 @@ pub(super) fn evaluated(
         read_presses(source, &mapping, None, note)?.presses
     };
     let has_places = presses.iter().any(|press| press.place() != presses[0].place());
-    let is_vector = |press: &Press| press.force_x_n.is_some() && press.force_y_n.is_some() && press.force_n.is_some();
-    if folds_by.is_none() && (has_places || !presses.iter().any(is_vector)) {
+    if folds_by.is_none() && (has_places || !presses.iter().any(|press| press.force_vector_n().is_some())) {
         return Ok(None);
     }
-    let used: Vec<&Press> = presses.iter().filter(|press| is_vector(press) && !press.is_flagged()).collect();
+    let sound = presses.iter().filter(|press| !press.is_flagged());
+    let used: Vec<(&Press, [f64; 3])> = sound.filter_map(|press| Some((press, press.force_vector_n()?))).collect();
     if used.is_empty() {
         let help = "name them in --columns: force_x_n=Fx,force_y_n=Fy,force_n=Fz,outputs=ch0..ch15";
         return Err(Failure::usage(miette::miette!(help = help, "--folds-by needs three columns with forces")));
     }
-    let is_grouped = used.iter().all(|press| press.group.is_some());
+    let is_grouped = used.iter().all(|(press, _)| press.group.is_some());
     if folds_by.is_some() && !is_grouped {
         let help = "import the table with `group` in its columns file";
         return Err(Failure::usage(miette::miette!(help = help, "{}: its presses have no groups", source.display())));
@@ -68,10 +68,8 @@ pub(super) fn evaluated(
         note(&format!("note: {} rows: the regressions take some minutes", used.len()));
     }
     let size = used.len().div_ceil(BLOCKS);
-    let group = |(row, press): (usize, &&Press)| press.group.map_or((row / size) as u64, |group| group as u64);
-    let rows = used.iter().enumerate().map(|(row, press)| {
-        let force_n = [press.force_x_n, press.force_y_n, press.force_n].map(Option::unwrap_or_default);
-        (press.outputs.as_slice(), force_n, group((row, press)))
+    let rows = used.iter().enumerate().map(|(row, (press, force_n))| {
+        (press.outputs.as_slice(), *force_n, press.group.map_or((row / size) as u64, |group| group as u64))
     });
     let errors = ForceTable::new(rows).and_then(|table| evaluate_forces(&table)).map_err(|error| {
         let help = "a group is left out as a whole: name a column with several values, and enough rows without each";

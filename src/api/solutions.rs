@@ -276,7 +276,7 @@ impl<'a> SolutionLine<'a> {
 }
 
 /// Returns the stream's own error.
-fn io_error(error: csv::Error) -> io::Error {
+pub(super) fn io_error(error: csv::Error) -> io::Error {
     match error.into_kind() {
         csv::ErrorKind::Io(error) => error,
         other => io::Error::other(format!("{other:?}")),

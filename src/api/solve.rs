@@ -14,7 +14,7 @@ use std::io::{self, Read, Write};
 use std::path::PathBuf;
 
 /// Name of the input in messages.
-const SOURCE: &str = "stdin";
+pub(super) const SOURCE: &str = "stdin";
 
 /// The calibrated sensor, and the form of readings and contacts.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -94,8 +94,14 @@ pub fn solve(
     match stream.answer(&mut answers, &mut StreamLines::new(SOURCE, readings), &mut solutions) {
         Ok(Ok(())) => Ok(()),
         Ok(Err(error)) => Err(Failure::usage(error)),
-        // closed output isn't an error
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        Err(error) => Err(error).into_diagnostic().wrap_err("can't write the contacts").map_err(Failure::unwritten),
+        Err(error) => unwritten(error),
+    }
+}
+
+/// Returns the failure of an output. A closed output isn't an error.
+pub(super) fn unwritten(error: io::Error) -> Result<(), Failure> {
+    match error.kind() {
+        io::ErrorKind::BrokenPipe => Ok(()),
+        _ => Err(error).into_diagnostic().wrap_err("can't write the contacts").map_err(Failure::unwritten),
     }
 }

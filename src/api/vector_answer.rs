@@ -1,7 +1,7 @@
 //! Answer of a reading as a place and a force vector, as two contacts, or as neither.
 
 use palpate_core::quantity::{ArrayLayout, Place, round};
-use palpate_solver::causes::{Cause, Causes, Explanation};
+use palpate_solver::causes::{Causes, Explanation, MisfitCause};
 use palpate_solver::two::{ContactCount, Pair};
 use palpate_solver::vector::{Shear, VectorContact, VectorMap, VectorWorkspace};
 use serde_json::Value;
@@ -41,7 +41,7 @@ impl<'a> VectorSolver<'a> {
             unit: None,
         };
         match explanation {
-            Explanation::Is(Cause::TwoContacts) => match self.causes.two().solve(outputs, workspace) {
+            Explanation::Is(MisfitCause::TwoContacts) => match self.causes.two().solve(outputs, workspace) {
                 Ok(ContactCount::Two(pair)) => {
                     VectorAnswer { contact: None, pair: Some(pair), ..answer("two-contacts") }
                 }
@@ -50,12 +50,14 @@ impl<'a> VectorSolver<'a> {
                 }
                 _ => answer("not-one-contact"),
             },
-            Explanation::Is(Cause::BrokenUnit(unit)) => VectorAnswer { unit: Some(unit + 1), ..answer("unit-fault") },
+            Explanation::Is(MisfitCause::BrokenUnit(unit)) => {
+                VectorAnswer { unit: Some(unit + 1), ..answer("unit-fault") }
+            }
             Explanation::Either(one, other) => answer(&format!("{} or {}", word(one), word(other))),
-            Explanation::OneContact | Explanation::Is(Cause::Shear) if contact.misfit > 1.0 => {
+            Explanation::OneContact | Explanation::Is(MisfitCause::Shear) if contact.misfit > 1.0 => {
                 answer("not-one-contact")
             }
-            Explanation::OneContact | Explanation::Is(Cause::Shear) => match contact.shear {
+            Explanation::OneContact | Explanation::Is(MisfitCause::Shear) => match contact.shear {
                 Shear::Force(_) => answer("ok"),
                 Shear::NotDeterminable { .. } => answer("shear-unknown"),
             },
@@ -64,11 +66,11 @@ impl<'a> VectorSolver<'a> {
 }
 
 /// Word of a cause where two explain a reading as well.
-fn word(cause: Cause) -> &'static str {
+fn word(cause: MisfitCause) -> &'static str {
     match cause {
-        Cause::Shear => "shear",
-        Cause::TwoContacts => "two-contacts",
-        Cause::BrokenUnit(_) => "unit-fault",
+        MisfitCause::Shear => "shear",
+        MisfitCause::TwoContacts => "two-contacts",
+        MisfitCause::BrokenUnit(_) => "unit-fault",
     }
 }
 

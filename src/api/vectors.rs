@@ -1,21 +1,19 @@
 //! Place and force vector from presses and drags: `evaluate --vector` and `solve --vector`.
 
 use super::recorded::{read_presses, read_run};
+use super::solutions::io_error;
+use super::solve::{SOURCE, unwritten};
 use super::vector_answer::{VectorAnswer, VectorSolver};
 use super::{Failure, Note, SolveOptions};
-use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_data::dataset::readings::{LineContent, Reading, Readings, StreamLines};
 use palpate_data::dataset::{Mapping, Press, Presses};
 use palpate_data::recipe::Phase;
 use palpate_solver::vector::{DraggedRow, VectorError, VectorErrors, VectorMap, VectorRow, VectorWorkspace};
-use serde_json::{Map, Value};
+use serde_json::Value;
 use std::collections::HashMap;
 use std::io::{self, BufWriter, Read, Write};
 use std::path::Path;
-
-/// Name of the input in messages.
-const SOURCE: &str = "stdin";
 
 /// Evaluates a run, or a table of calibration and a table of test presses.
 pub(super) fn evaluated(
@@ -108,7 +106,7 @@ pub fn solve_vectors(
     let solver = VectorSolver::new(&map, &layout);
     let mut lines = StreamLines::new(SOURCE, readings);
     let mut readings = Readings::new(SOURCE, map.outputs(), options.input.map(Into::into), mapping);
-    let mut answers = Lines { to: BufWriter::new(contacts), json: options.json, is_first: true, labels: [false; 2] };
+    let mut answers = Lines::new(contacts, options.json);
     let mut workspace = VectorWorkspace::default();
     let end = loop {
         let Some(line) = lines.read_next().map_err(Failure::usage)? else { break Ok(()) };
@@ -123,61 +121,67 @@ pub fn solve_vectors(
             break unwritten(error);
         }
         if lines.is_drained()
-            && let Err(error) = answers.to.flush()
+            && let Err(error) = answers.flush()
         {
             break unwritten(error);
         }
     };
-    match answers.to.flush() {
+    match answers.flush() {
         Ok(()) => end,
         Err(error) => end.and_then(|()| unwritten(error)),
     }
 }
 
-/// Returns the failure of an output; a closed one is no failure.
-fn unwritten(error: io::Error) -> Result<(), Failure> {
-    match error.kind() {
-        io::ErrorKind::BrokenPipe => Ok(()),
-        _ => Err(error).into_diagnostic().wrap_err("can't write the contacts").map_err(Failure::unwritten),
-    }
-}
-
 /// Writes answers, a line each.
-struct Lines<W: Write> {
-    to: BufWriter<W>,
-    json: bool,
-    is_first: bool,
-    /// Whether answers have the columns id and t_s. The first reading decides it.
-    labels: [bool; 2],
+enum Lines<W: Write> {
+    /// `labels` states whether the columns id and t_s exist. The first reading decides it.
+    Csv {
+        writer: Box<csv::Writer<W>>,
+        labels: Option<[bool; 2]>,
+    },
+    Ndjson(BufWriter<W>),
 }
 
 impl<W: Write> Lines<W> {
+    fn new(to: W, json: bool) -> Self {
+        match json {
+            true => Lines::Ndjson(BufWriter::new(to)),
+            false => Lines::Csv { writer: Box::new(csv::Writer::from_writer(to)), labels: None },
+        }
+    }
+
     fn write(&mut self, reading: &Reading, answer: &VectorAnswer) -> io::Result<()> {
-        let fields = answer.fields();
-        if self.json {
-            let labels = [("id", &reading.id), ("t_s", &reading.t_s)];
-            let labels = labels.into_iter().filter_map(|(name, value)| Some((name, value.clone()?)));
-            let object: Map<String, Value> =
-                labels.chain(fields).map(|(name, value)| (name.to_owned(), value)).collect();
-            return writeln!(self.to, "{}", Value::Object(object));
+        let labels_of = [("id", &reading.id), ("t_s", &reading.t_s)];
+        match self {
+            Lines::Ndjson(to) => {
+                let labels = labels_of.into_iter().filter_map(|(name, value)| Some((name, value.clone()?)));
+                let fields = labels.chain(answer.fields()).map(|(name, value)| (name.to_owned(), value));
+                writeln!(to, "{}", Value::Object(fields.collect()))
+            }
+            Lines::Csv { writer, labels } => {
+                let is_first = labels.is_none();
+                let labels = labels.get_or_insert(labels_of.map(|(_, value)| value.is_some()));
+                let labels = labels_of.into_iter().zip(*labels).filter(|(_, is_there)| *is_there);
+                let labels = labels.map(|((name, value), _)| (name, value.clone().unwrap_or_default()));
+                let fields: Vec<(&str, Value)> = labels.chain(answer.fields()).collect();
+                if is_first {
+                    writer.write_record(fields.iter().map(|(name, _)| name)).map_err(io_error)?;
+                }
+                let cell = |(_, value): &(&str, Value)| match value {
+                    Value::Null => String::new(),
+                    Value::String(text) => text.clone(),
+                    number => number.to_string(),
+                };
+                writer.write_record(fields.iter().map(cell)).map_err(io_error)
+            }
         }
-        let labels = [("id", &reading.id), ("t_s", &reading.t_s)];
-        if self.is_first {
-            self.labels = labels.map(|(_, value)| value.is_some());
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Lines::Ndjson(to) => to.flush(),
+            Lines::Csv { writer, .. } => writer.flush(),
         }
-        let labels = labels.into_iter().zip(self.labels).filter(|(_, is_there)| *is_there);
-        let labels = labels.map(|((name, value), _)| (name, value.clone().unwrap_or_default()));
-        let fields: Vec<(&str, Value)> = labels.chain(fields).collect();
-        if std::mem::take(&mut self.is_first) {
-            writeln!(self.to, "{}", fields.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(","))?;
-        }
-        let cell = |value: &Value| match value {
-            Value::Null => String::new(),
-            Value::String(text) if text.contains([',', '"', '\n']) => format!("\"{}\"", text.replace('"', "\"\"")),
-            Value::String(text) => text.clone(),
-            number => number.to_string(),
-        };
-        writeln!(self.to, "{}", fields.iter().map(|(_, value)| cell(value)).collect::<Vec<_>>().join(","))
     }
 }
 
@@ -190,6 +194,6 @@ fn of_phase(all: &Presses, phase: Phase) -> Presses {
 
 /// Returns the row of a press without a fault.
 fn row(press: &Press) -> Option<VectorRow<'_>> {
-    let force_n = [press.force_x_n?, press.force_y_n?, press.force_n?];
+    let force_n = press.force_vector_n()?;
     (!press.is_flagged()).then(|| VectorRow { place: press.place(), force_n, outputs: &press.outputs })
 }

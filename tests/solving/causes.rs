@@ -3,7 +3,7 @@
 
 use super::two_contacts::apart;
 use palpate_core::quantity::{ArrayLayout, Place, RandomStream, stream};
-use palpate_solver::causes::{Candidate, Cause, Causes, Explanation, explain};
+use palpate_solver::causes::{Candidate, Causes, Explanation, MisfitCause, explain};
 use palpate_solver::vector::{VectorMap, VectorWorkspace};
 use palpate_testing::campaign;
 use palpate_testing::vectors::VectorScene;
@@ -29,12 +29,12 @@ fn drawn(cause: usize, rng: &mut RandomStream) -> (Vec<(Place, [f64; 3])>, Optio
     }
 }
 
-fn index(cause: Cause, dead: Option<usize>) -> usize {
+fn index(cause: MisfitCause, dead: Option<usize>) -> usize {
     match cause {
-        Cause::Shear => 1,
-        Cause::TwoContacts => 2,
+        MisfitCause::Shear => 1,
+        MisfitCause::TwoContacts => 2,
         // another unit is a wrong name
-        Cause::BrokenUnit(unit) => {
+        MisfitCause::BrokenUnit(unit) => {
             if dead.is_none_or(|dead| dead == unit) {
                 3
             } else {

@@ -10,9 +10,9 @@ use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::ArrayLayout;
 use std::ops::Range;
 
-/// Cause of a reading that isn't that of one contact without shear.
+/// MisfitCause of a reading that isn't that of one contact without shear.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cause {
+pub enum MisfitCause {
     /// One contact with a force along the surface.
     Shear,
     /// Two contacts.
@@ -25,7 +25,7 @@ pub enum Cause {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
     /// The cause.
-    pub cause: Cause,
+    pub cause: MisfitCause,
     /// Decrease of the sum of squares compared with one contact.
     pub gain: f64,
     /// Limit that the gain exceeds for single contacts only at the false-alarm rate.
@@ -45,9 +45,9 @@ pub enum Explanation {
     /// One known contact.
     OneContact,
     /// This cause explains the reading clearly better than the others.
-    Is(Cause),
+    Is(MisfitCause),
     /// Not one known contact: both causes explain the reading, the first at least as well.
-    Either(Cause, Cause),
+    Either(MisfitCause, MisfitCause),
 }
 
 /// Difference of the sums of squares up to which two explanations are as good: odds of one to twenty.
@@ -86,12 +86,12 @@ impl<'a> Causes<'a> {
         let singles = map.single_contacts(SINGLE_CONTACTS);
         let tried: Vec<Option<Vec<Candidate>>> =
             in_parallel(&singles, |outputs| causes.candidates(outputs, &mut VectorWorkspace::default()).ok());
-        let most = |is_it: fn(&Cause) -> bool| {
+        let most = |is_it: fn(&MisfitCause) -> bool| {
             let all = tried.iter().flatten().flatten().filter(|candidate| is_it(&candidate.cause));
             limit(all.map(|candidate| candidate.gain).collect())
         };
-        causes.shear_most = most(|cause| *cause == Cause::Shear);
-        causes.broken_most = most(|cause| matches!(cause, Cause::BrokenUnit(_)));
+        causes.shear_most = most(|cause| *cause == MisfitCause::Shear);
+        causes.broken_most = most(|cause| matches!(cause, MisfitCause::BrokenUnit(_)));
         causes
     }
 
@@ -116,19 +116,19 @@ impl<'a> Causes<'a> {
     pub fn candidates(&self, outputs: &[f64], w: &mut VectorWorkspace) -> Result<Vec<Candidate>, SolveError> {
         self.map.check(outputs)?;
         let (one, _, gain) = self.two.gain(outputs, w).ok_or(SolveError::AllEqual)?;
-        let mut candidates = vec![Candidate { cause: Cause::TwoContacts, gain, gain_most: self.two.gain_most }];
+        let mut candidates = vec![Candidate { cause: MisfitCause::TwoContacts, gain, gain_most: self.two.gain_most }];
         if self.map.knows_shear()
             && let Some(fit) = self.map.best(outputs, ShearPrior::Usual, 0..0, w)
         {
             let gain = one.chi2 - fit.chi2;
-            candidates.push(Candidate { cause: Cause::Shear, gain, gain_most: self.shear_most });
+            candidates.push(Candidate { cause: MisfitCause::Shear, gain, gain_most: self.shear_most });
         }
         let without = self.units.iter().enumerate().filter_map(|(unit, outputs_of)| {
             Some((unit, self.map.best(outputs, ShearPrior::Zero, outputs_of.clone(), w)?.chi2))
         });
         if let Some((unit, chi2)) = without.min_by(|a, b| a.1.total_cmp(&b.1)) {
             let gain = one.chi2 - chi2;
-            candidates.push(Candidate { cause: Cause::BrokenUnit(unit), gain, gain_most: self.broken_most });
+            candidates.push(Candidate { cause: MisfitCause::BrokenUnit(unit), gain, gain_most: self.broken_most });
         }
         Ok(candidates)
     }
@@ -140,18 +140,18 @@ mod tests {
 
     #[test]
     fn the_largest_excess_wins_and_equals_are_both_named() {
-        let candidate = |cause: Cause, gain: f64, gain_most: f64| Candidate { cause, gain, gain_most };
+        let candidate = |cause: MisfitCause, gain: f64, gain_most: f64| Candidate { cause, gain, gain_most };
         let explained = |two: f64, shear: f64, broken: f64| {
             explain(&[
-                candidate(Cause::TwoContacts, two, 20.0),
-                candidate(Cause::Shear, shear, 10.0),
-                candidate(Cause::BrokenUnit(3), broken, 12.0),
+                candidate(MisfitCause::TwoContacts, two, 20.0),
+                candidate(MisfitCause::Shear, shear, 10.0),
+                candidate(MisfitCause::BrokenUnit(3), broken, 12.0),
             ])
         };
         assert_eq!(explained(19.0, 9.0, 12.0), Explanation::OneContact);
-        assert_eq!(explained(45.0, 9.0, 11.0), Explanation::Is(Cause::TwoContacts));
-        assert_eq!(explained(45.0, 30.0, 5.0), Explanation::Either(Cause::TwoContacts, Cause::Shear));
-        assert_eq!(explained(30.0, 30.0, 5.0), Explanation::Is(Cause::Shear), "with fewer unknowns");
-        assert_eq!(explained(19.0, 9.0, 13.0), Explanation::Is(Cause::BrokenUnit(3)));
+        assert_eq!(explained(45.0, 9.0, 11.0), Explanation::Is(MisfitCause::TwoContacts));
+        assert_eq!(explained(45.0, 30.0, 5.0), Explanation::Either(MisfitCause::TwoContacts, MisfitCause::Shear));
+        assert_eq!(explained(30.0, 30.0, 5.0), Explanation::Is(MisfitCause::Shear), "with fewer unknowns");
+        assert_eq!(explained(19.0, 9.0, 13.0), Explanation::Is(MisfitCause::BrokenUnit(3)));
     }
 }

@@ -177,6 +177,11 @@ impl Press {
         self.drag_mm.is_some_and(|mm| mm > 0.0)
     }
 
+    /// Returns the force along x, y and the press, N; `None` if a component is unknown.
+    pub fn force_vector_n(&self) -> Option<[f64; 3]> {
+        Some([self.force_x_n?, self.force_y_n?, self.force_n?])
+    }
+
     /// Whether the press has a fault.
     pub fn is_flagged(&self) -> bool {
         !self.flags.is_empty()

@@ -2,7 +2,7 @@
 
 use super::port::{LinePort, PortCounts, Received};
 use super::profile::{ForceColumns, ForceField, OutputColumns};
-use crate::mounting::Mounting;
+use crate::mounting::AxesMounting;
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
 use palpate_link::time::Instant;
@@ -18,7 +18,7 @@ const OUTPUTS_DEADLINE: Duration = Duration::from_secs(2);
 pub struct LineLoadCell {
     port: LinePort,
     force: ForceField,
-    mounting: Mounting,
+    mounting: AxesMounting,
     conversion: Duration,
     origin: Instant,
     link: String,
@@ -38,14 +38,14 @@ impl LineLoadCell {
     /// Creates a load cell that sends `conversions_hz` readings per second; the times of readings are relative to `origin`.
     pub fn new(port: LinePort, force: ForceField, link: String, conversions_hz: f64, origin: Instant) -> Self {
         let conversion = Duration::from_secs_f64(1.0 / conversions_hz);
-        LineLoadCell { port, force, mounting: Mounting::default(), conversion, origin, link, nth: 0 }
+        LineLoadCell { port, force, mounting: AxesMounting::default(), conversion, origin, link, nth: 0 }
     }
 
     /// States how a cell with three axes is mounted: the matrix from the forces along its axes to those of the tip on the specimen along
     /// x, y and the press.
     #[must_use]
     pub fn mounted(self, mounting: [[f64; 3]; 3]) -> Self {
-        LineLoadCell { mounting: Mounting(mounting), ..self }
+        LineLoadCell { mounting: AxesMounting(mounting), ..self }
     }
 
     fn reading(&self, received: &Received) -> ForceReading {

@@ -3,7 +3,7 @@
 use super::client::ModbusClient;
 use super::profile::{Force, Probe, Profile, StatusWord};
 use super::request::{Function, ModbusFraming};
-use crate::mounting::Mounting;
+use crate::mounting::AxesMounting;
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell};
 use palpate_link::time::Instant;
@@ -20,7 +20,7 @@ pub struct ModbusLoadCell {
     force: Force,
     status: Option<StatusWord>,
     probes: Vec<Probe>,
-    mounting: Box<Mounting>,
+    mounting: Box<AxesMounting>,
     newton_per_count: f64,
     conversion: Duration,
     health: Health,
@@ -70,7 +70,7 @@ impl ModbusLoadCell {
     /// x, y and the press.
     #[must_use]
     pub fn mounted(self, mounting: [[f64; 3]; 3]) -> Self {
-        ModbusLoadCell { mounting: Box::new(Mounting(mounting)), ..self }
+        ModbusLoadCell { mounting: Box::new(AxesMounting(mounting)), ..self }
     }
 
     async fn read_status(&mut self) -> Result<(), DeviceError> {
