@@ -1,7 +1,7 @@
 //! Calibrates a simulated sensor, and solves one contact: `cargo run --example calibrate`.
 #![allow(clippy::print_stdout, reason = "it prints its results")]
 
-use palpate::api::{self, Failure, MethodOptions, RunOptions};
+use palpate::api::{self, Failure, MethodOptions, RunOptions, SensorModel};
 use palpate_run::run::Listener;
 use palpate_solver::Session;
 
@@ -22,7 +22,8 @@ fn main() -> Result<(), Failure> {
     let method = MethodOptions { solver: "surrogate".to_owned(), ..MethodOptions::default() };
     let sensor = api::fit(&run, &method, &|line| eprintln!("{line}"))?;
     let reading = [0.534, 0.102, 0.021, 0.381, 0.088, 0.021, 0.046, 0.055, 0.027];
-    match Session::new(sensor.model).solve(&reading) {
+    let SensorModel::Contact(model) = sensor.model else { unreachable!("force vectors are an option of the method") };
+    match Session::new(*model).solve(&reading) {
         Ok(contact) => println!("{:.2}, {:.2} mm, {:.3} N", contact.place.x_mm, contact.place.y_mm, contact.force_n),
         Err(why) => println!("no contact: {why}"),
     }

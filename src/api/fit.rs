@@ -2,9 +2,11 @@
 
 use super::method::{FitSource, MethodOptions};
 use super::solutions::Measure;
-use super::{Failure, Note};
+use super::{Failure, Note, vectors};
 use palpate_data::dataset::Fingerprint;
-use palpate_data::dataset::sensor_file::{Card, SensorFile, SensorFileError, check_replaceable, read_sensor_file};
+use palpate_data::dataset::sensor_file::{
+    Card, SensorFile, SensorFileError, SensorModel, check_replaceable, read_any_sensor_file,
+};
 use palpate_solver::{
     Broken, Calibration, CalibrationPoint, Fitted, ForceKnown, Model, PreparedCalibration, Setting, Solver as _,
 };
@@ -23,8 +25,8 @@ pub(crate) const FORCES_ARE_RELATIVE: &str =
 
 /// A model with what its sensor file states.
 pub struct Sensor {
-    /// The fitted method. It solves readings in a [`Session`](palpate_solver::Session).
-    pub model: Model,
+    /// The fitted method.
+    pub model: SensorModel,
     /// ID of the sensor, if its run has one.
     pub sensor: Option<String>,
     /// Sources of the fit.
@@ -37,11 +39,14 @@ pub struct Sensor {
 /// Bad input.
 pub fn fit(calibration: &Path, options: &MethodOptions, note: Note<'_>) -> Result<Sensor, Failure> {
     options.check()?;
+    if options.vector {
+        return vectors::fit(calibration, &options.mapping()?, note);
+    }
     let source = FitSource::read(calibration, options, note)?;
     let model = options.fit(&source)?;
     note_forces(&model, note);
     note_left_out(calibration, model.fitted(), note);
-    Ok(Sensor { made_from: vec![source.fingerprint()?], sensor: source.sensor, model })
+    Ok(Sensor { made_from: vec![source.fingerprint()?], sensor: source.sensor, model: model.into() })
 }
 
 /// Reads a sensor file.
@@ -49,9 +54,11 @@ pub fn fit(calibration: &Path, options: &MethodOptions, note: Note<'_>) -> Resul
 /// # Errors
 /// The file can't be read, or isn't a sensor file.
 pub fn read_sensor(path: &Path, note: Note<'_>) -> Result<Sensor, Failure> {
-    let (Card { sensor, made_from, .. }, model) = read_sensor_file(path).map_err(Failure::usage)?;
-    note_forces(&model, note);
-    note_left_out(path, model.fitted(), note);
+    let (Card { sensor, made_from, .. }, model) = read_any_sensor_file(path).map_err(Failure::usage)?;
+    if let SensorModel::Contact(model) = &model {
+        note_forces(model, note);
+        note_left_out(path, model.fitted(), note);
+    }
     Ok(Sensor { model, sensor, made_from })
 }
 
@@ -60,14 +67,13 @@ pub fn read_sensor(path: &Path, note: Note<'_>) -> Result<Sensor, Failure> {
 /// # Errors
 /// Something else is at the path, or the file can't be written.
 pub fn write_sensor(
-    model: &Model,
+    model: &SensorModel,
     sensor: Option<String>,
     made_from: Vec<Fingerprint>,
     path: &Path,
 ) -> Result<(), Failure> {
     check_replaceable(path).map_err(Failure::usage)?;
-    let copy = model.to_bytes().and_then(|bytes| Model::from_bytes(&bytes));
-    let file = copy.map_err(SensorFileError::from).and_then(|model| SensorFile::new(model, sensor, made_from));
+    let file = model.copy().map_err(SensorFileError::from).and_then(|model| SensorFile::new(model, sensor, made_from));
     place(&file.map_err(Failure::usage)?, path)
 }
 

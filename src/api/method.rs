@@ -56,6 +56,9 @@ pub struct MethodOptions {
     /// Expected forces, N, if the calibration has one force [default: from a tenth of that force to that force]
     #[arg(long, num_args = 2, value_names = ["MIN", "MAX"], value_parser = force, conflicts_with = "constant_load")]
     pub forces_n: Vec<f64>,
+    /// Solve force vectors or two contacts, from presses and drags
+    #[arg(long, conflicts_with_all = ["solver", "constant_load", "quantity", "common_offset", "false_alarms", "forces_n"])]
+    pub vector: bool,
     /// Meaning of the columns of tables.
     #[command(flatten)]
     pub columns: ColumnsOptions,
@@ -129,6 +132,7 @@ impl Default for MethodOptions {
             common_offset: false,
             false_alarms: Setting::default().false_alarms,
             forces_n: Vec::new(),
+            vector: false,
             columns: ColumnsOptions::default(),
         }
     }

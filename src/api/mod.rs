@@ -17,6 +17,7 @@ pub(crate) mod fit;
 mod forces;
 mod holdout;
 pub(crate) mod labels;
+pub(crate) mod lines;
 pub(crate) mod method;
 pub(crate) mod protocols;
 pub(crate) mod provenance;
@@ -31,7 +32,7 @@ mod solve;
 pub(crate) mod sources;
 pub(crate) mod stdin;
 pub(crate) mod stream;
-mod vector_answer;
+pub(crate) mod vector_answer;
 mod vectors;
 pub(crate) mod which_rig;
 pub(crate) mod which_way;
@@ -51,6 +52,7 @@ pub use forces::ForcesEvaluated;
 pub use holdout::HoldoutOptions;
 pub use labels::LabelOptions;
 pub use method::MethodOptions;
+pub use palpate_data::dataset::sensor_file::SensorModel;
 pub use provenance::built_from;
 pub use recorded::{read_run, read_table};
 pub use report::{ReportOptions, ReportPage, report};
@@ -59,7 +61,7 @@ pub use run::{MannerOptions, OpenedRun, ResumeOptions, Resumed, RunOptions, begi
 pub use solutions::{Measure, NUMBERS, UNSOLVED, numbers};
 pub use solve::{SolveOptions, solve};
 pub use sources::RigOptions;
-pub use vectors::solve_vectors;
+pub use vector_answer::vector_numbers;
 pub use which_way::{ConfirmOptions, Confirmed};
 
 /// Receives the lines that a command prints about its input, without an end of line: notes, and warnings that begin with `warning: `.

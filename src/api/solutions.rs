@@ -1,23 +1,22 @@
 //! Solutions written as lines.
 
+use super::lines::{AnswerWriter, Lines};
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::readings::Reading;
 use palpate_solver::{ContactVerdict, Covariance, Fitted, HalfWidths, Model, Solution};
 use serde::Serialize;
 use serde_json::Value;
 use std::error::Error;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 
-/// Number of bytes that are written at once.
-const BUFFER_BYTES: usize = 64 << 10;
 /// Number of decimals in the output, the same as in a run's tables. It is far finer than the resolution of any array.
-const DECIMALS: i32 = 6;
+pub(super) const DECIMALS: i32 = 6;
 /// Verdict on a reading without an answer.
 pub const UNSOLVED: &str = "unsolved";
 
 /// Writes contacts, a line each.
 pub(crate) struct Solutions<W: Write> {
-    to: To<W>,
+    lines: Lines<W>,
     /// Invalid lines are answered too: each answer has its line number, and CSV has a column for the problem.
     keep_going: bool,
     measure: Measure,
@@ -55,16 +54,6 @@ impl Measure {
             _ => true,
         }
     }
-}
-
-enum To<W: Write> {
-    /// `labels` states whether the columns id and t_s exist. The first reading decides it. Both exist if an invalid line may
-    /// come first.
-    Csv {
-        writer: Box<csv::Writer<W>>,
-        labels: Option<[bool; 2]>,
-    },
-    Ndjson(BufWriter<W>),
 }
 
 /// One line of output. Keys and columns are the same, and are always present unless marked as skipped.
@@ -124,46 +113,32 @@ struct SolutionLine<'a> {
 impl<W: Write> Solutions<W> {
     /// `measure` states what is solved besides the place.
     pub(crate) fn new(to: W, json: bool, keep_going: bool, measure: Measure) -> Self {
-        let to = if json {
-            To::Ndjson(BufWriter::with_capacity(BUFFER_BYTES, to))
-        } else {
-            let writer = csv::WriterBuilder::new().buffer_capacity(BUFFER_BYTES).from_writer(to);
-            To::Csv { writer: Box::new(writer), labels: keep_going.then_some([true, true]) }
-        };
-        Solutions { to, keep_going, measure, has_two_methods: false }
+        Solutions { lines: Lines::new(to, json, keep_going), keep_going, measure, has_two_methods: false }
     }
 
     /// Adds a column that shows which of two methods answered, if the model has two.
     pub(crate) fn of_methods(self, fitted: &Fitted) -> Self {
         Solutions { has_two_methods: fitted.at_calibrated_load().is_some(), ..self }
     }
+}
 
-    pub(crate) fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
-        let of = SolutionLine::of(reading, solved, self.measure);
+impl<W: Write> AnswerWriter<Solution> for Solutions<W> {
+    fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
         let load = solved.as_ref().map_or("", Solution::load);
-        let load = self.has_two_methods.then_some(load);
-        let mut line = SolutionLine { line: self.keep_going.then_some(reading.line), load, ..of };
-        match &mut self.to {
-            To::Csv { writer, labels } => {
-                let [id, t_s] = *labels.get_or_insert([line.id.is_some(), line.t_s.is_some()]);
-                line.id = id.then_some(line.id.unwrap_or(&Value::Null));
-                line.t_s = t_s.then_some(line.t_s.unwrap_or(&Value::Null));
-                line.error = self.keep_going.then(|| line.error.unwrap_or_default());
-                writer.serialize(line).map_err(io_error)
-            }
-            To::Ndjson(writer) => {
-                serde_json::to_writer(&mut *writer, &line)?;
-                writer.write_all(b"\n")
-            }
-        }
+        let [id, t_s] = self.lines.labels(reading);
+        let line = SolutionLine {
+            line: self.keep_going.then_some(reading.line),
+            id,
+            t_s,
+            load: self.has_two_methods.then_some(load),
+            error: self.lines.error(solved, self.keep_going),
+            ..SolutionLine::of(solved, self.measure)
+        };
+        self.lines.write(&line)
     }
 
-    /// Flushes the lines written so far.
-    pub(crate) fn flush(&mut self) -> io::Result<()> {
-        match &mut self.to {
-            To::Csv { writer, .. } => writer.flush(),
-            To::Ndjson(writer) => writer.flush(),
-        }
+    fn flush(&mut self) -> io::Result<()> {
+        self.lines.flush()
     }
 }
 
@@ -230,8 +205,9 @@ pub fn numbers(solution: &Solution, measure: Measure) -> [f64; NUMBERS.len()] {
     numbers.map(|number| round(number, DECIMALS)).map(|number| if number.is_finite() { number } else { f64::NAN })
 }
 
-impl<'a> SolutionLine<'a> {
-    fn of(reading: &'a Reading, solved: &Result<Solution, impl Error>, measure: Measure) -> Self {
+impl SolutionLine<'_> {
+    /// Returns the answer without what only the line knows.
+    fn of(solved: &Result<Solution, impl Error>, measure: Measure) -> Self {
         let found = solved.as_ref().ok();
         let unknown = [f64::NAN; NUMBERS.len()];
         let numbers = found.map_or(unknown, |solution| numbers(solution, measure));
@@ -242,8 +218,8 @@ impl<'a> SolutionLine<'a> {
         let column = |name: &str, number: Option<f64>| measure.has(name).then_some(number);
         SolutionLine {
             line: None,
-            id: reading.id.as_ref(),
-            t_s: reading.t_s.as_ref(),
+            id: None,
+            t_s: None,
             x_mm,
             y_mm,
             force_n: column("force_n", force_n),
@@ -270,7 +246,7 @@ impl<'a> SolutionLine<'a> {
                 ContactVerdict::ChannelFault(unit) => Some(unit + 1),
                 _ => None,
             }),
-            error: solved.as_ref().err().map(ToString::to_string),
+            error: None,
         }
     }
 }

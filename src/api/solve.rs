@@ -2,19 +2,24 @@
 
 use super::choices::ReadingsChoice;
 use super::fit::{DEPTH_IS_SOLVED, Sensor, fit, read_sensor};
+use super::lines::AnswerWriter;
 use super::method::MethodOptions;
 use super::solutions::{Measure, Solutions};
 use super::stream::AnswerStream;
+use super::vector_answer::VectorSolutions;
 use super::{Failure, Note};
 use miette::{IntoDiagnostic, WrapErr};
-use palpate_data::dataset::answers::Answers;
+use palpate_data::dataset::answers::{Answers, ReadingSolver};
 use palpate_data::dataset::readings::{Readings, StreamLines};
-use palpate_solver::{Model, Session};
+use palpate_data::dataset::sensor_file::SensorModel;
+use palpate_solver::Session;
+use palpate_solver::vector::{VectorFits, VectorSession};
 use std::io::{self, Read, Write};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Name of the input in messages.
-pub(super) const SOURCE: &str = "stdin";
+const SOURCE: &str = "stdin";
 
 /// The calibrated sensor, and the form of readings and contacts.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -25,9 +30,6 @@ pub struct SolveOptions {
     /// A sensor file, written by `palpate fit`
     #[arg(long, value_name = "FILE", conflicts_with_all = FITTED_BEFORE)]
     pub model: Option<PathBuf>,
-    /// Answer with force vectors or two contacts, from presses and drags
-    #[arg(long, requires = "calibration", conflicts_with_all = ["model", "keep_going", "solver", "constant_load", "quantity", "common_offset", "false_alarms", "forces_n"])]
-    pub vector: bool,
     /// Input format [default: detected from the first character]
     #[arg(long, value_name = "FORMAT", value_enum)]
     pub input: Option<ReadingsChoice>,
@@ -46,8 +48,8 @@ pub struct SolveOptions {
 }
 
 /// Options that a sensor file has already fixed.
-const FITTED_BEFORE: [&str; 7] =
-    ["calibration", "solver", "constant_load", "quantity", "common_offset", "false_alarms", "forces_n"];
+const FITTED_BEFORE: [&str; 8] =
+    ["calibration", "solver", "constant_load", "quantity", "common_offset", "false_alarms", "forces_n", "vector"];
 
 impl SolveOptions {
     /// Reads the sensor file, or fits the method to the calibration.
@@ -78,19 +80,40 @@ impl SolveOptions {
 /// # Errors
 /// An invalid line, unless [`SolveOptions::keep_going`] is set, or contacts that can't be written. All earlier contacts are written.
 pub fn solve(
-    model: Model,
+    model: impl Into<SensorModel>,
     options: &SolveOptions,
     readings: impl Read,
     contacts: impl Write,
     note: Note<'_>,
 ) -> Result<(), Failure> {
+    let SolveOptions { json, keep_going, .. } = *options;
+    match model.into() {
+        SensorModel::Contact(model) => {
+            let solutions = Solutions::new(contacts, json, keep_going, Measure::of(&model)).of_methods(model.fitted());
+            let units = model.validity().units;
+            answer(Session::new(*model), units, options, readings, solutions, note)
+        }
+        SensorModel::Vector(model) => {
+            let (solutions, units) = (VectorSolutions::new(contacts, json, keep_going), model.validity().units);
+            let session = VectorSession::new(Arc::new(VectorFits::new(*model)));
+            answer(session, units, options, readings, solutions, note)
+        }
+    }
+}
+
+fn answer<S: ReadingSolver>(
+    session: S,
+    units: usize,
+    options: &SolveOptions,
+    readings: impl Read,
+    mut solutions: impl AnswerWriter<S::Solution>,
+    note: Note<'_>,
+) -> Result<(), Failure> {
     let SolveOptions { input, json, keep_going, quiet, .. } = *options;
-    let of = Readings::new(SOURCE, model.validity().units, input.map(Into::into), options.method.mapping()?);
+    let of = Readings::new(SOURCE, units, input.map(Into::into), options.method.mapping()?);
     let with_reasons = !(quiet || json || keep_going);
     let stream = AnswerStream { source: SOURCE, keep_going, with_reasons, note, is_refused: |_| false };
-    let solutions = Solutions::new(contacts, json, keep_going, Measure::of(&model));
-    let mut solutions = solutions.of_methods(model.fitted());
-    let mut answers = Answers::new(of, Session::new(model));
+    let mut answers = Answers::new(of, session);
     match stream.answer(&mut answers, &mut StreamLines::new(SOURCE, readings), &mut solutions) {
         Ok(Ok(())) => Ok(()),
         Ok(Err(error)) => Err(Failure::usage(error)),
@@ -99,7 +122,7 @@ pub fn solve(
 }
 
 /// Returns the failure of an output. A closed output isn't an error.
-pub(super) fn unwritten(error: io::Error) -> Result<(), Failure> {
+fn unwritten(error: io::Error) -> Result<(), Failure> {
     match error.kind() {
         io::ErrorKind::BrokenPipe => Ok(()),
         _ => Err(error).into_diagnostic().wrap_err("can't write the contacts").map_err(Failure::unwritten),

@@ -1,12 +1,12 @@
 //! Answers the lines of a stream until it ends: standard input of `solve`, or a connection of `serve`.
 
 use super::Note;
-use super::solutions::Solutions;
-use palpate_data::dataset::answers::{Answers, LineAnswer, UnansweredLine};
+use super::lines::AnswerWriter;
+use palpate_data::dataset::answers::{Answers, LineAnswer, ReadingSolver, UnansweredLine};
 use palpate_data::dataset::readings::{ReadingError, StreamLines};
 use palpate_solver::Broken;
 use std::collections::HashSet;
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 
 /// Largest number of different reasons for readings without an answer that are printed.
 const REASONS_MAX: usize = 10;
@@ -27,11 +27,11 @@ pub(crate) struct AnswerStream<'a> {
 
 impl AnswerStream<'_> {
     /// Writes an answer for each line. When it ends for any reason, all earlier answers are written.
-    pub(crate) fn answer(
+    pub(crate) fn answer<S: ReadingSolver>(
         &self,
-        answers: &mut Answers,
+        answers: &mut Answers<S>,
         lines: &mut StreamLines<impl Read>,
-        solutions: &mut Solutions<impl Write>,
+        solutions: &mut impl AnswerWriter<S::Solution>,
     ) -> io::Result<Result<(), ReadingError>> {
         let (mut reasons, mut is_empty) = (HashSet::new(), true);
         let end = loop {
@@ -65,7 +65,7 @@ impl AnswerStream<'_> {
     }
 
     /// Notes what an answer has no column for.
-    fn remark(&self, answer: &LineAnswer<'_>, reasons: &mut HashSet<String>) {
+    fn remark<T>(&self, answer: &LineAnswer<'_, T>, reasons: &mut HashSet<String>) {
         let note = |text: &str| (self.note)(&format!("{}, line {}: {text}", self.source, answer.reading.line));
         if let Err(why) = &answer.solved
             && self.with_reasons

@@ -8,7 +8,7 @@ use crate::api::fit::note_left_out;
 use crate::api::method::FitSource;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::sensor_file::{SensorFile, check_replaceable};
-use palpate_solver::{Adapted, ArrayChange, Extent, MeanErrors, NewPressErrors};
+use palpate_solver::{Adapted, ArrayChange, Extent, MeanErrors, NewPressErrors, Solver as _};
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -45,6 +45,10 @@ pub(super) struct AdaptArgs {
 /// Changes the old presses, fits, and writes the file.
 pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     let SensorFileArgs { out, method, output } = &args.file;
+    if method.vector {
+        let help = "fit the new presses alone: palpate fit RUN --vector --out FILE";
+        return Err(Failure::usage(miette::miette!(help = help, "`adapt` doesn't know force vectors")));
+    }
     check_replaceable(out).map_err(Failure::usage)?;
     let old = FitSource::read_older(&args.from, method, &note)?;
     let new = FitSource::read(&args.with, method, &note)?;
@@ -53,7 +57,7 @@ pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     let adapted = adapted
         .wrap_err_with(|| format!("{}: can't update this calibration", old.path.display()))
         .map_err(Failure::usage)?;
-    tell(&format!("{}\n", fitted_to(&adapted.model)))?;
+    tell(&format!("{}\n", fitted_to(adapted.model.fitted().name(), adapted.model.validity())))?;
     note_left_out(&old.path, adapted.model.fitted(), &note);
     let is_relative = old.is_relative || new.is_relative;
     output.text(&text(&adapted, is_relative))?;

@@ -5,7 +5,8 @@ use super::output::OutputArgs;
 use super::summary::note;
 use crate::api::fit::place;
 use crate::api::{self, Failure, MethodOptions};
-use palpate_data::dataset::sensor_file::{Card, SensorFile, check_replaceable};
+use palpate_data::dataset::sensor_file::{Card, SensorFile, SensorModel, check_replaceable};
+use palpate_solver::vector::VECTOR_METHOD;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -14,6 +15,7 @@ const EXAMPLES: &str = "\
 Examples:
   palpate fit runs/paper --out sensor.palpate
   palpate fit grid.csv --solver surrogate --out A-017.palpate
+  palpate fit runs/drags --vector --out sensor.palpate
   palpate solve --model sensor.palpate < readings.csv
 
 The file holds the fitted method. `solve --model` gives the same answers as
@@ -53,7 +55,9 @@ pub(super) fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
     check_replaceable(out).map_err(Failure::usage)?;
     let sensor = api::fit(&args.calibration, method, &note)?;
     tell_sensor(&sensor, true)?;
-    tell_constant_load(&sensor.model)?;
+    if let SensorModel::Contact(model) = &sensor.model {
+        tell_constant_load(model)?;
+    }
     let file = SensorFile::new(sensor.model, sensor.sensor, sensor.made_from).map_err(Failure::usage)?;
     let (text, content) = write(&file, out)?;
     output.print(&text, &content)?;
@@ -64,7 +68,7 @@ pub(super) fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
 pub(super) fn write(file: &SensorFile, out: &Path) -> Result<(String, Value), Failure> {
     place(file, out)?;
     let Card { method, bytes, keeps_presses, .. } = &file.card;
-    let kept = if *keeps_presses { "" } else { ", without its presses" };
+    let kept = if *keeps_presses || method == VECTOR_METHOD { "" } else { ", without its presses" };
     let (path, kb) = (out.display(), bytes.div_ceil(1000));
     let text = format!("{path}: {method}, {kb} kB{kept}\nnext: palpate solve --model {path} < readings.csv\n");
     Ok((text, json!({ "file": out, "method": method, "bytes": bytes, "keeps_presses": keeps_presses })))

@@ -4,22 +4,22 @@ use super::summary::tell;
 use super::tables::{chosen, filled};
 use crate::api::fit::constant_load_gain_mm;
 use crate::api::{Failure, Sensor};
-use palpate_solver::{Model, Solver as _};
+use palpate_data::dataset::sensor_file::SensorModel;
+use palpate_solver::{Model, Validity};
 
 /// Prints the method of a sensor and its calibration; if it was fitted just now, also the reason for the choice.
 pub(super) fn tell_sensor(Sensor { model, sensor, .. }: &Sensor, is_new: bool) -> Result<(), Failure> {
     let of = sensor.as_ref().filter(|_| !is_new).map_or(String::new(), |sensor| format!(" of sensor {sensor}"));
-    tell(&format!("{}{of}\n", fitted_to(model)))?;
-    match model.fitted().choice().filter(|_| is_new) {
-        Some(choice) => tell(&chosen(choice)),
-        None => Ok(()),
+    tell(&format!("{}{of}\n", fitted_to(model.method(), model.validity())))?;
+    match model {
+        SensorModel::Contact(model) if is_new => model.fitted().choice().map_or(Ok(()), |choice| tell(&chosen(choice))),
+        _ => Ok(()),
     }
 }
 
 /// Describes which method was fitted to how much.
-pub(super) fn fitted_to(model: &Model) -> String {
-    let validity = model.validity();
-    format!("{}, fitted to {} presses of {} outputs", model.fitted().name(), validity.presses, validity.units)
+pub(super) fn fitted_to(method: &str, validity: &Validity) -> String {
+    format!("{method}, fitted to {} presses of {} outputs", validity.presses, validity.units)
 }
 
 /// For a calibration without forces, prints what `--constant-load` would gain, by the same method on held-out presses.

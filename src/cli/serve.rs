@@ -3,14 +3,18 @@
 use super::method::tell_sensor;
 use super::summary::{note, print, tell};
 use crate::api::Failure;
+use crate::api::lines::AnswerWriter;
 use crate::api::read_sensor;
 use crate::api::solutions::{Measure, Solutions};
 use crate::api::stream::AnswerStream;
+use crate::api::vector_answer::VectorSolutions;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::parallel::lock;
 use palpate_data::dataset::Mapping;
-use palpate_data::dataset::answers::Answers;
+use palpate_data::dataset::answers::{Answers, ReadingSolver};
 use palpate_data::dataset::readings::{Readings, StreamLines};
+use palpate_data::dataset::sensor_file::SensorModel;
+use palpate_solver::vector::{VectorFits, VectorSession};
 use palpate_solver::{Fits, Session};
 use socket2::{Domain, Socket, Type};
 use std::collections::HashMap;
@@ -78,9 +82,15 @@ const HTTP: [&[u8]; 10] =
 
 /// What all connections share.
 struct Service {
-    fits: Arc<Fits>,
+    fits: SharedFits,
     json: bool,
     clients: Mutex<Clients>,
+}
+
+/// Model that all connections share.
+enum SharedFits {
+    Contact(Arc<Fits>),
+    Vector(Arc<VectorFits>),
 }
 
 /// Connections that are served.
@@ -106,7 +116,10 @@ pub(super) fn serve(args: &ServeArgs) -> Result<ExitCode, Failure> {
     if !args.quiet {
         tell_sensor(&sensor, false)?;
     }
-    let fits = Arc::new(Fits::new(sensor.model));
+    let fits = match sensor.model {
+        SensorModel::Contact(model) => SharedFits::Contact(Arc::new(Fits::new(*model))),
+        SensorModel::Vector(model) => SharedFits::Vector(Arc::new(VectorFits::new(*model))),
+    };
     let cant = || format!("can't listen at {}", args.listen);
     let listener = listen(args.listen).map_err(|error| {
         let help = match error.kind() {
@@ -173,16 +186,33 @@ impl Service {
         let stream = &client.stream;
         stream.set_nodelay(true)?;
         stream.set_write_timeout(Some(READS_WITHIN))?;
-        let readings = Readings::new(peer, self.fits.model().validity().units, None, Mapping::default());
-        let mut answers = Answers::new(readings, Session::sharing(self.fits.clone()));
+        match &self.fits {
+            SharedFits::Contact(fits) => {
+                let model = fits.model();
+                let solutions = Solutions::new(stream, self.json, true, Measure::of(model)).of_methods(model.fitted());
+                self.answer(Session::sharing(fits.clone()), model.validity().units, client, peer, solutions)
+            }
+            SharedFits::Vector(fits) => {
+                let solutions = VectorSolutions::new(stream, self.json, true);
+                self.answer(VectorSession::new(fits.clone()), fits.model().validity().units, client, peer, solutions)
+            }
+        }
+    }
+
+    fn answer<S: ReadingSolver>(
+        &self,
+        session: S,
+        units: usize,
+        client: &ServeClient,
+        peer: &str,
+        mut solutions: impl AnswerWriter<S::Solution>,
+    ) -> io::Result<()> {
+        let mut answers = Answers::new(Readings::new(peer, units, None, Mapping::default()), session);
         let how =
             AnswerStream { source: peer, keep_going: true, with_reasons: false, note: &note, is_refused: is_http };
-        let model = self.fits.model();
-        let solutions = Solutions::new(stream, self.json, true, Measure::of(model));
-        let mut solutions = solutions.of_methods(model.fitted());
         let end = how.answer(&mut answers, &mut StreamLines::new(peer, client), &mut solutions)?;
         if let Err(error) = end {
-            self.refuse(stream, &error.to_string());
+            self.refuse(&client.stream, &error.to_string());
         }
         Ok(())
     }

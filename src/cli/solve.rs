@@ -52,10 +52,6 @@ pub(super) struct SolveArgs {
 /// Fits the method or reads it, then answers each reading when it arrives.
 pub(super) fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     let options = &args.options;
-    if options.vector {
-        api::solve_vectors(options, io::stdin().lock(), io::stdout().lock(), &note)?;
-        return Ok(ExitCode::SUCCESS);
-    }
     let sensor = options.sensor(&note)?;
     if !options.quiet {
         tell_sensor(&sensor, options.model.is_none())?;

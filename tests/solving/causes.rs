@@ -66,7 +66,7 @@ fn each_cause_is_named_where_the_outputs_show_it() {
         let layout = ArrayLayout::grid(3, 3, 4.5).with_channels(channels);
         let map =
             VectorMap::fit(&scene.calibration(if campaign::is_quick() { 9 } else { 25 }, true, 1)).expect("a map");
-        let causes = Causes::new(&map, &layout);
+        let causes = Causes::new(map, &layout);
         let mut workspace = VectorWorkspace::default();
         println!(
             "{name}: named one contact, shear, two, broken, either, wrong unit; shown, and of these right, either"

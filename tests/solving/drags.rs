@@ -1,5 +1,6 @@
 //! A run with drags on a load cell of three axes: `evaluate --vector` solves its places and force vectors.
 
+use crate::serve::Server;
 use palpate_testing::executions::rig_with_three_axes;
 use palpate_testing::{TestFolder, campaign, exchanged};
 
@@ -123,4 +124,43 @@ fn solve_answers_with_a_force_vector_with_two_contacts_and_with_a_broken_unit() 
     assert!(csv.out.starts_with("id,t_s,x_mm,") && csv.out.contains("\n\"a,b\",0.5,"), "{}", csv.out);
     let named = broken.iter().filter(|answer| answer["verdict"] == "unit-fault" && answer["unit"] == 5).count();
     assert!(10 * named >= 6 * broken.len(), "{named} of {}: {broken:?}", broken.len());
+    a_sensor_file_gives_the_same_answers(&bench, &readings, &answers);
+    // the same contacts if the outputs of this unit are missing, and a reading without a contact
+    let text = |outputs: &Vec<f64>, missing: std::ops::Range<usize>| {
+        let cell = |(i, value): (usize, &f64)| if missing.contains(&i) { "nan".to_owned() } else { value.to_string() };
+        outputs.iter().enumerate().map(cell).collect::<Vec<_>>().join(",") + "\n"
+    };
+    let lines: String =
+        still.iter().map(|row| text(&outputs(row), 12..15)).chain([text(&vec![1e-4; 27], 0..0)]).collect();
+    let answers = bench.palpate_reads("solve --model s.palpate --json", &lines).json_lines();
+    assert_eq!(answers.last().unwrap()["verdict"], "weak-signal");
+    let near = |(answer, row): (&serde_json::Value, &&&Vec<String>)| {
+        let off_mm = |name: &str| answer[name].as_f64().unwrap() - number(row, name);
+        answer["verdict"] == "ok" && off_mm("x_mm").hypot(off_mm("y_mm")) < 0.5
+    };
+    let near = answers.iter().zip(&still).filter(|pair| near(*pair)).count();
+    assert!(10 * near >= 8 * still.len(), "{near} of {}: {answers:?}", still.len());
+}
+
+/// Fits the run to a sensor file, which `solve` and `serve` use, and which other commands refuse.
+fn a_sensor_file_gives_the_same_answers(bench: &TestFolder, readings: &[Vec<f64>], answers: &[serde_json::Value]) {
+    let fitted = bench.palpate_ends(0, "fit run --vector --out s.palpate");
+    assert!(fitted.err.contains("force-vector, fitted to "), "{}", fitted.err);
+    let line = |reading: &Vec<f64>| reading.iter().map(f64::to_string).collect::<Vec<_>>().join(",") + "\n";
+    let text: String = readings.iter().map(line).collect();
+    assert_eq!(bench.palpate_reads("solve --model s.palpate --json", &text).json_lines(), answers);
+    let served = Server::start(bench, "--model s.palpate --json").answers(text.as_bytes());
+    let numbered = served.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    let without_line = numbered.map(|mut answer| {
+        answer.as_object_mut().unwrap().remove("line");
+        answer
+    });
+    assert!(without_line.eq(answers.iter().cloned()), "{served}");
+    let kept = bench.palpate_reads("solve --model s.palpate --keep-going", &format!("1,2\n{}", line(&readings[0])));
+    assert!(kept.out.starts_with("line,id,t_s,x_mm,") && kept.out.contains("\n1,,,,"), "{}", kept.out);
+    for refused in ["export --model s.palpate --format c", "adapt --from s.palpate --with run --out b.palpate"]
+        .map(|words| bench.palpate_ends(2, words))
+    {
+        assert!(refused.err.contains("s.palpate solves force vectors; only"), "{}", refused.err);
+    }
 }

@@ -20,13 +20,13 @@ fn fitted_file() -> TestFolder {
 }
 
 /// A server that ends with the test.
-struct Server {
+pub(crate) struct Server {
     child: Child,
     address: String,
 }
 
 impl Server {
-    fn start(bench: &TestFolder, words: &str) -> Server {
+    pub(crate) fn start(bench: &TestFolder, words: &str) -> Server {
         let mut command = bench.command(&format!("serve --listen 127.0.0.1:0 --quiet {words}"));
         let mut child = command.stdout(Stdio::piped()).spawn().expect("the program starts");
         let mut line = String::new();
@@ -43,7 +43,7 @@ impl Server {
     }
 
     /// Sends lines, closes that direction, and returns all answers.
-    fn answers(&self, lines: &[u8]) -> String {
+    pub(crate) fn answers(&self, lines: &[u8]) -> String {
         let mut stream = self.connect();
         // a server that closes early reads no further
         _ = stream.write_all(lines);

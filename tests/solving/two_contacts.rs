@@ -36,7 +36,7 @@ pub(crate) fn apart(distance_mm: f64, rng: &mut RandomStream) -> [Place; 2] {
     }
 }
 
-fn shares(scene: &mut VectorScene, two: &TwoContacts<'_>, distance_mm: f64, tests: usize) -> Shares {
+fn shares(scene: &mut VectorScene, two: &TwoContacts, distance_mm: f64, tests: usize) -> Shares {
     let (mut workspace, mut rng) = (VectorWorkspace::default(), stream(4, 0, "two contacts"));
     let (mut found, each) = (Shares::default(), 1.0 / tests as f64);
     for _ in 0..tests {
@@ -79,8 +79,8 @@ fn two_contacts_are_separated_as_far_as_the_outputs_show_them() {
         // the paper's presses, or with three axes drags too
         let map = VectorMap::fit(&scene.calibration(if is_quick { 9 } else { 25 }, channels == 3, 1)).expect("a map");
         let true_map = scene.known();
-        let two = TwoContacts::new(&map);
-        let with_true_map = if is_quick { two.clone() } else { TwoContacts::new(&true_map) };
+        let two = TwoContacts::new(map);
+        let with_true_map = if is_quick { two.clone() } else { TwoContacts::new(true_map) };
         for &(distance_mm, right, flagged) in bars {
             let found = shares(&mut scene, &two, distance_mm, tests);
             let least = shares(&mut scene, &with_true_map, distance_mm, tests);

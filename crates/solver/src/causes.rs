@@ -9,6 +9,7 @@ use crate::vector::{ShearPrior, VectorMap, VectorWorkspace};
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::ArrayLayout;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// MisfitCause of a reading that isn't that of one contact without shear.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,20 +71,26 @@ pub fn explain(candidates: &[Candidate]) -> Explanation {
 
 /// Tries all explanations on the map of a calibration.
 #[derive(Clone, Debug)]
-pub struct Causes<'a> {
-    map: &'a VectorMap,
-    two: TwoContacts<'a>,
-    units: Vec<Range<usize>>,
+pub struct Causes {
+    map: Arc<VectorMap>,
+    two: TwoContacts,
+    /// Each unit with its outputs.
+    units: Vec<(usize, Range<usize>)>,
     shear_most: f64,
     broken_most: f64,
 }
 
-impl<'a> Causes<'a> {
+impl Causes {
     /// Learns the limits from the calibration's presses.
-    pub fn new(map: &'a VectorMap, layout: &ArrayLayout) -> Self {
-        let (two, units) = (TwoContacts::new(map), layout.units().collect());
-        let mut causes = Causes { map, two, units, shear_most: f64::INFINITY, broken_most: f64::INFINITY };
+    pub fn new(map: impl Into<Arc<VectorMap>>, layout: &ArrayLayout) -> Self {
+        Causes::of(map.into(), layout.units().enumerate().collect())
+    }
+
+    /// Learns the limits of an array with these units.
+    pub(crate) fn of(map: Arc<VectorMap>, units: Vec<(usize, Range<usize>)>) -> Self {
+        let two = TwoContacts::new(map.clone());
         let singles = map.single_contacts(SINGLE_CONTACTS);
+        let mut causes = Causes { map, two, units, shear_most: f64::INFINITY, broken_most: f64::INFINITY };
         let tried: Vec<Option<Vec<Candidate>>> =
             in_parallel(&singles, |outputs| causes.candidates(outputs, &mut VectorWorkspace::default()).ok());
         let most = |is_it: fn(&MisfitCause) -> bool| {
@@ -96,8 +103,13 @@ impl<'a> Causes<'a> {
     }
 
     /// The solver of one or two contacts, with its limit.
-    pub fn two(&self) -> &TwoContacts<'a> {
+    pub fn two(&self) -> &TwoContacts {
         &self.two
+    }
+
+    /// The map of the calibration.
+    pub fn map(&self) -> &VectorMap {
+        &self.map
     }
 
     /// Returns what a reading means.
@@ -123,8 +135,8 @@ impl<'a> Causes<'a> {
             let gain = one.chi2 - fit.chi2;
             candidates.push(Candidate { cause: MisfitCause::Shear, gain, gain_most: self.shear_most });
         }
-        let without = self.units.iter().enumerate().filter_map(|(unit, outputs_of)| {
-            Some((unit, self.map.best(outputs, ShearPrior::Zero, outputs_of.clone(), w)?.chi2))
+        let without = self.units.iter().filter_map(|(unit, outputs_of)| {
+            Some((*unit, self.map.best(outputs, ShearPrior::Zero, outputs_of.clone(), w)?.chi2))
         });
         if let Some((unit, chi2)) = without.min_by(|a, b| a.1.total_cmp(&b.1)) {
             let gain = one.chi2 - chi2;

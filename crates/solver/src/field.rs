@@ -147,6 +147,13 @@ impl SplineField {
         }
     }
 
+    /// Returns the same field with some of its channels.
+    pub(crate) fn of_channels(&self, kept: &[usize]) -> Self {
+        let nodes = self.coefficients.chunks_exact(self.channels);
+        let coefficients = nodes.flat_map(|node| kept.iter().map(|channel| node[*channel])).collect();
+        SplineField { channels: kept.len(), coefficients, ..self.clone() }
+    }
+
     /// Returns the value of one channel and its changes with x and with y, per mm.
     pub(crate) fn channel(&self, channel: usize, place: Place) -> [f64; 3] {
         let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));

@@ -44,6 +44,11 @@ impl Noise {
         Noise { additive: sd.iter().map(|sd| sd * sd).collect(), proportional: vec![0.0; sd.len()] }
     }
 
+    /// Returns noise with these additive and proportional parts.
+    pub(crate) fn of_parts(additive: Vec<f64>, proportional: Vec<f64>) -> Self {
+        Noise { additive, proportional }
+    }
+
     /// Returns the additive and the proportional parts of all units.
     pub(crate) fn parts(&self) -> [Vec<f64>; 2] {
         [self.additive.clone(), self.proportional.clone()]

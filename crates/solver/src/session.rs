@@ -54,6 +54,9 @@ pub enum Unanswered {
     /// No output is left.
     #[error("every output is missing")]
     NoOutputs,
+    /// The outputs that are left don't determine a contact.
+    #[error("fewer than three outputs are left")]
+    TooFewOutputs,
     /// There are no presses for fitting the method without the missing units.
     #[error("outputs are missing, and the sensor file doesn't contain the presses required to fit without them")]
     NoPresses,

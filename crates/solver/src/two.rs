@@ -11,11 +11,12 @@ use crate::vector::{AxisBuffers, FALSE_ALARMS, PRESS, ShearPrior, VectorFit, Vec
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::Place;
 use statrs::distribution::{ContinuousCDF, Gamma};
+use std::sync::Arc;
 
 /// Solver for one or two contacts without shear, on the map of a calibration.
 #[derive(Clone, Debug)]
-pub struct TwoContacts<'a> {
-    map: &'a VectorMap,
+pub struct TwoContacts {
+    map: Arc<VectorMap>,
     /// Products of the directions of all pairs of the grid's places.
     products: Vec<f32>,
     /// Gain above which two contacts are reported.
@@ -70,9 +71,10 @@ const FIRST_DAMPING: f64 = 1e-2;
 const DAMPING_FACTOR: f64 = 4.0;
 const LAST_GAIN: f64 = 1e-3;
 
-impl<'a> TwoContacts<'a> {
+impl TwoContacts {
     /// Prepares the search, and learns the limit of a single contact from presses of the calibration that their map didn't know.
-    pub fn new(map: &'a VectorMap) -> Self {
+    pub fn new(map: impl Into<Arc<VectorMap>>) -> Self {
+        let map = map.into();
         let places = map.coarse.places.len();
         let mut products = vec![0.0; places * places];
         for row in map.coarse.bases.chunks_exact(3 * places) {
@@ -80,9 +82,10 @@ impl<'a> TwoContacts<'a> {
                 products.iter_mut().zip(row).for_each(|(product, other)| *product += one * other);
             }
         }
+        let singles = map.single_contacts(SINGLE_CONTACTS);
         let mut two = TwoContacts { map, products, gain_most: f64::INFINITY };
         let gain = |outputs: &Vec<f64>| Some(two.gain(outputs, &mut VectorWorkspace::default())?.2);
-        two.gain_most = limit(in_parallel(&map.single_contacts(SINGLE_CONTACTS), gain).into_iter().flatten().collect());
+        two.gain_most = limit(in_parallel(&singles, gain).into_iter().flatten().collect());
         two
     }
 
@@ -147,13 +150,13 @@ impl<'a> TwoContacts<'a> {
     /// Refines a pair by the method of Levenberg and Marquardt, with the forces eliminated after each step.
     fn refined(&self, start: [Place; 2], outputs: &[f64], w: &mut VectorWorkspace) -> Option<Pair> {
         let (mut places, mut damping) = (start, FIRST_DAMPING);
-        self.respond(places, true, w)?;
+        self.map.respond_to_two(places, true, w)?;
         w.weight.clear();
         w.weight.extend(self.map.coarse.noise_sd.iter().map(|sd| 1.0 / (sd * sd)));
         let mut forces_n = forces_n(outputs, w);
         let mut last = None;
         for _ in 0..MOST_STEPS {
-            self.weigh(forces_n, w);
+            self.map.weigh_two(forces_n, w);
             forces_n = self::forces_n(outputs, w);
             let (normal, chi2) = normal(forces_n, outputs, w);
             let mut damped = normal;
@@ -168,40 +171,17 @@ impl<'a> TwoContacts<'a> {
                 self.map.area.clamp(Place::new(x_mm + step[2 * i], y_mm + step[2 * i + 1]))
             };
             let next = [moved(0), moved(1)];
-            self.respond(next, false, w)?;
+            self.map.respond_to_two(next, false, w)?;
             let tried_n = self::forces_n(outputs, w);
             if self::normal(tried_n, outputs, w).1 <= chi2 {
                 (places, forces_n, damping) = (next, tried_n, damping / DAMPING_FACTOR);
             } else {
                 damping *= DAMPING_FACTOR;
-                self.respond(places, false, w)?;
+                self.map.respond_to_two(places, false, w)?;
             }
         }
         let (places, forces_n, chi2, normal) = last.filter(|(_, _, chi2, _)| chi2.is_finite())?;
         Some(Pair::of(places, forces_n, chi2, &normal))
-    }
-
-    /// Writes the columns of both places, and at the beginning their errors, to the first two buffers.
-    fn respond(&self, places: [Place; 2], with_errors: bool, w: &mut VectorWorkspace) -> Option<()> {
-        let press = self.map.axes[PRESS].as_ref()?;
-        for (place, AxisBuffers { value, along_x, along_y, error }) in places.into_iter().zip(&mut w.axes) {
-            [&mut *value, along_x, along_y, error].into_iter().for_each(|buffer| buffer.resize(self.map.outputs, 0.0));
-            press.field.value_and_gradient(place, value, along_x, along_y);
-            if with_errors {
-                press.error(place, error);
-            }
-        }
-        Some(())
-    }
-
-    fn weigh(&self, forces_n: [f64; 2], w: &mut VectorWorkspace) {
-        let [a, b, _] = &w.axes;
-        let [first_n, second_n] = forces_n;
-        for (output, weight) in w.weight.iter_mut().enumerate() {
-            let of_noise = self.map.noise.variance(output, first_n * a.value[output] + second_n * b.value[output]);
-            let of_map = first_n * first_n * a.error[output] + second_n * second_n * b.error[output];
-            *weight = 1.0 / (of_noise * (1.0 + of_map));
-        }
     }
 
     /// Unknowns that may change: not a place at the border that would leave the area, and no place without a force.
@@ -218,14 +198,38 @@ impl<'a> TwoContacts<'a> {
     }
 }
 
+impl VectorMap {
+    /// Writes the columns of both places, and at the beginning their errors, to the first two buffers.
+    fn respond_to_two(&self, places: [Place; 2], with_errors: bool, w: &mut VectorWorkspace) -> Option<()> {
+        let press = self.axes[PRESS].as_ref()?;
+        for (place, AxisBuffers { value, along_x, along_y, error }) in places.into_iter().zip(&mut w.axes) {
+            [&mut *value, along_x, along_y, error].into_iter().for_each(|buffer| buffer.resize(self.outputs, 0.0));
+            press.field.value_and_gradient(place, value, along_x, along_y);
+            if with_errors {
+                press.error(place, error);
+            }
+        }
+        Some(())
+    }
+
+    fn weigh_two(&self, forces_n: [f64; 2], w: &mut VectorWorkspace) {
+        let [a, b, _] = &w.axes;
+        let [first_n, second_n] = forces_n;
+        for (output, weight) in w.weight.iter_mut().enumerate() {
+            let of_noise = self.noise.variance(output, first_n * a.value[output] + second_n * b.value[output]);
+            let of_map = first_n * first_n * a.error[output] + second_n * second_n * b.error[output];
+            *weight = 1.0 / (of_noise * (1.0 + of_map));
+        }
+    }
+}
+
 impl Pair {
     /// Returns two contacts with the smallest errors of an unbiased method, including the map's own error (Cramer-Rao).
     pub fn bound(map: &VectorMap, places: [Place; 2], forces_n: [f64; 2]) -> Option<Self> {
         let (outputs, mut w) = (vec![0.0; map.outputs], VectorWorkspace::default());
-        let two = TwoContacts { map, products: Vec::new(), gain_most: f64::INFINITY };
-        two.respond(places, true, &mut w)?;
+        map.respond_to_two(places, true, &mut w)?;
         w.weight.resize(outputs.len(), 0.0);
-        two.weigh(forces_n, &mut w);
+        map.weigh_two(forces_n, &mut w);
         Some(Pair::of(places, forces_n, 0.0, &normal(forces_n, &outputs, &w).0))
     }
 
@@ -304,7 +308,7 @@ mod tests {
     #[test]
     fn two_contacts_without_noise_are_given_back_and_scale_with_their_forces() {
         let map = VectorMap::known([Place::new(-6.0, -6.0), Place::new(6.0, 6.0)], 0.3, &[0.001; 9], columns);
-        let (two, mut workspace) = (TwoContacts::new(&map), VectorWorkspace::default());
+        let (two, mut workspace) = (TwoContacts::new(map), VectorWorkspace::default());
         let places = [Place::new(-2.3, 1.2), Place::new(2.6, -1.7)];
         for times in [1.0, 3.0] {
             let outputs = read(&[(places[0], 0.4 * times), (places[1], 0.7 * times)]);

@@ -2,21 +2,68 @@
 
 use super::readings::{LineContent, Reading, ReadingError, Readings};
 use miette::Diagnostic;
+use palpate_solver::vector::{VectorSession, VectorSolution};
 use palpate_solver::{Broken, Session, Solution, Unanswered};
 
 /// Answers one line after another.
-pub struct Answers {
+pub struct Answers<S: ReadingSolver = Session> {
     readings: Readings,
-    session: Session,
+    session: S,
+}
+
+/// A session: solves one reading after another.
+pub trait ReadingSolver {
+    /// Answer to a reading.
+    type Solution;
+
+    /// Solves the next reading; a missing output is NaN.
+    ///
+    /// # Errors
+    /// The reading has no answer.
+    fn solve(&mut self, outputs: &[f64]) -> Result<Self::Solution, Unanswered>;
+
+    /// Units that are excluded, in the order in which they were found.
+    fn broken(&self) -> &[Broken] {
+        &[]
+    }
+
+    /// Whether the sensor should be calibrated again.
+    fn is_out_of_date(&self) -> bool {
+        false
+    }
+}
+
+impl ReadingSolver for Session {
+    type Solution = Solution;
+
+    fn solve(&mut self, outputs: &[f64]) -> Result<Solution, Unanswered> {
+        Session::solve(self, outputs)
+    }
+
+    fn broken(&self) -> &[Broken] {
+        Session::broken(self)
+    }
+
+    fn is_out_of_date(&self) -> bool {
+        Session::is_out_of_date(self)
+    }
+}
+
+impl ReadingSolver for VectorSession {
+    type Solution = VectorSolution;
+
+    fn solve(&mut self, outputs: &[f64]) -> Result<VectorSolution, Unanswered> {
+        VectorSession::solve(self, outputs)
+    }
 }
 
 /// Answer to a line that contains a reading, or should contain one.
 #[derive(Debug)]
-pub struct LineAnswer<'a> {
+pub struct LineAnswer<'a, T = Solution> {
     /// Reading of the line. For an invalid line: its number, and its labels if they could be read.
     pub reading: &'a Reading,
     /// The contact, or the reason why there is none.
-    pub solved: Result<Solution, UnansweredLine>,
+    pub solved: Result<T, UnansweredLine>,
     /// Units that are excluded from the next line on.
     pub broken: &'a [Broken],
     /// Whether this reading shows that the sensor should be calibrated again. Stated once.
@@ -35,14 +82,14 @@ pub enum UnansweredLine {
     Unanswered(#[from] Unanswered),
 }
 
-impl Answers {
+impl<S: ReadingSolver> Answers<S> {
     /// Reads lines as `readings` does, and solves them as `session` does.
-    pub fn new(readings: Readings, session: Session) -> Self {
+    pub fn new(readings: Readings, session: S) -> Self {
         Answers { readings, session }
     }
 
     /// Returns the session, with the method and the excluded units.
-    pub fn session(&self) -> &Session {
+    pub fn session(&self) -> &S {
         &self.session
     }
 
@@ -50,7 +97,7 @@ impl Answers {
     ///
     /// # Errors
     /// The header is invalid, so no further line has an answer.
-    pub fn answer(&mut self, line: &[u8]) -> Result<Option<LineAnswer<'_>>, ReadingError> {
+    pub fn answer(&mut self, line: &[u8]) -> Result<Option<LineAnswer<'_, S::Solution>>, ReadingError> {
         let (known, was_out_of_date) = (self.session.broken().len(), self.session.is_out_of_date());
         let solved = match self.readings.read(line)? {
             LineContent::Nothing => return Ok(None),

@@ -7,7 +7,8 @@ use super::files;
 use super::fingerprint::Fingerprint;
 use super::session::shown_label;
 use miette::Diagnostic;
-use palpate_solver::{Broken, ForceKnown, Model, ModelError, REMOVED, Solver as _, Validity};
+use palpate_solver::vector::{VECTOR_METHOD, VectorModel};
+use palpate_solver::{Broken, ForceKnown, Model, ModelError, REMOVED, Setting, Solver as _, Validity};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io::{self, Read};
@@ -61,6 +62,14 @@ pub struct Card {
     pub sha256: String,
 }
 
+/// Model of a sensor file.
+pub enum SensorModel {
+    /// Solves the place, and a force or a depth.
+    Contact(Box<Model>),
+    /// Solves the place and a force vector.
+    Vector(Box<VectorModel>),
+}
+
 /// An output that is excluded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LeftOutUnit {
@@ -107,6 +116,13 @@ pub enum SensorFileError {
         /// Version of the file.
         found: String,
     },
+    /// The file solves force vectors, which the command doesn't know.
+    #[error("{} solves force vectors; only `solve`, `serve` and the Python package use such a sensor file", path.display())]
+    #[diagnostic(help("for this command, fit the presses without --vector"))]
+    ForceVector {
+        /// The file.
+        path: PathBuf,
+    },
     /// The method of the file was removed from the program.
     #[error("{} has the method `{method}`, which was removed", path.display())]
     #[diagnostic(help("fit the sensor again: `palpate fit RUN --out FILE` chooses a better method"))]
@@ -137,6 +153,57 @@ pub enum SensorFileError {
     Model(#[from] ModelError),
 }
 
+impl SensorModel {
+    /// Returns the range in which the model is valid.
+    pub fn validity(&self) -> &Validity {
+        match self {
+            SensorModel::Contact(model) => model.validity(),
+            SensorModel::Vector(model) => model.validity(),
+        }
+    }
+
+    /// Returns the name of the method.
+    pub fn method(&self) -> &str {
+        match self {
+            SensorModel::Contact(model) => model.fitted().name(),
+            SensorModel::Vector(_) => VECTOR_METHOD,
+        }
+    }
+
+    /// Serialises the model as bytes.
+    ///
+    /// # Errors
+    /// No known case.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, ModelError> {
+        match self {
+            SensorModel::Contact(model) => model.to_bytes(),
+            SensorModel::Vector(model) => model.to_bytes(),
+        }
+    }
+
+    /// Returns the same model read from its bytes.
+    ///
+    /// # Errors
+    /// No known case.
+    pub fn copy(&self) -> Result<Self, ModelError> {
+        let bytes = self.to_bytes()?;
+        SensorModel::from_bytes(self.method(), &bytes)
+    }
+
+    fn from_bytes(method: &str, bytes: &[u8]) -> Result<Self, ModelError> {
+        Ok(match method {
+            VECTOR_METHOD => SensorModel::Vector(Box::new(VectorModel::from_bytes(bytes)?)),
+            _ => SensorModel::Contact(Box::new(Model::from_bytes(bytes)?)),
+        })
+    }
+}
+
+impl From<Model> for SensorModel {
+    fn from(model: Model) -> Self {
+        SensorModel::Contact(Box::new(model))
+    }
+}
+
 /// Text of a card and bytes of its model, ready for writing.
 pub struct SensorFile {
     /// Description of the file.
@@ -149,7 +216,11 @@ impl SensorFile {
     ///
     /// # Errors
     /// The file is too large even without presses.
-    pub fn new(model: Model, sensor: Option<String>, made_from: Vec<Fingerprint>) -> Result<Self, SensorFileError> {
+    pub fn new(
+        model: impl Into<SensorModel>,
+        sensor: Option<String>,
+        made_from: Vec<Fingerprint>,
+    ) -> Result<Self, SensorFileError> {
         SensorFile::within(MOST_BYTES, model, sensor, made_from)
     }
 
@@ -159,38 +230,51 @@ impl SensorFile {
     /// The same as for [`new`](Self::new).
     pub fn within(
         most_bytes: usize,
-        model: Model,
+        model: impl Into<SensorModel>,
         sensor: Option<String>,
         made_from: Vec<Fingerprint>,
     ) -> Result<Self, SensorFileError> {
-        let mut model = model;
+        let mut model = model.into();
         let mut bytes = model.to_bytes()?;
         if bytes.len() > most_bytes {
-            model = model.without_calibration();
+            model = match model {
+                SensorModel::Contact(model) => model.without_calibration().into(),
+                SensorModel::Vector(_) => model,
+            };
             bytes = model.to_bytes()?;
         }
         if bytes.len() > most_bytes {
             return Err(SensorFileError::TooLarge { bytes: bytes.len() });
         }
-        let setting = model.setting();
-        let fitted = model.fitted();
         let Fingerprint { bytes: length, sha256, .. } = Fingerprint::of("", &bytes);
         let left_out = |broken: &Broken| LeftOutUnit { unit: broken.unit + 1, why: broken.fault.text().to_owned() };
         let card = Card {
             palpate: env!("CARGO_PKG_VERSION").to_owned(),
-            method: fitted.name().to_owned(),
-            method_at_calibrated_load: fitted.at_calibrated_load().map(str::to_owned),
+            method: model.method().to_owned(),
+            method_at_calibrated_load: None,
             sensor,
             made_from,
             valid: model.validity().clone(),
             depth_mm: model.validity().depth_mm,
-            left_out: fitted.broken().iter().map(left_out).collect(),
-            constant_load: setting.load == ForceKnown::Constant,
-            common_offset: setting.common_offset,
-            false_alarms: setting.false_alarms,
-            keeps_presses: model.calibration().is_some(),
+            left_out: Vec::new(),
+            constant_load: false,
+            common_offset: false,
+            false_alarms: Setting::default().false_alarms,
+            keeps_presses: false,
             bytes: length,
             sha256,
+        };
+        let card = match &model {
+            SensorModel::Vector(_) => card,
+            SensorModel::Contact(model) => Card {
+                method_at_calibrated_load: model.fitted().at_calibrated_load().map(str::to_owned),
+                left_out: model.fitted().broken().iter().map(left_out).collect(),
+                constant_load: model.setting().load == ForceKnown::Constant,
+                common_offset: model.setting().common_offset,
+                false_alarms: model.setting().false_alarms,
+                keeps_presses: model.calibration().is_some(),
+                ..card
+            },
         };
         Ok(SensorFile { card, bytes })
     }
@@ -229,11 +313,22 @@ pub fn is_sensor_file(path: &Path) -> bool {
     path.is_file() && read().is_ok() && start == *KIND.as_bytes()
 }
 
+/// Reads a sensor file that doesn't solve force vectors: its card and its model.
+///
+/// # Errors
+/// As [`read_any_sensor_file`], or the file solves force vectors.
+pub fn read_sensor_file(path: &Path) -> Result<(Card, Model), SensorFileError> {
+    match read_any_sensor_file(path)? {
+        (card, SensorModel::Contact(model)) => Ok((card, *model)),
+        (_, SensorModel::Vector(_)) => Err(SensorFileError::ForceVector { path: path.to_owned() }),
+    }
+}
+
 /// Reads a sensor file: its card and its model.
 ///
 /// # Errors
 /// The file isn't a sensor file, has another version or is damaged, or an error of the operating system.
-pub fn read_sensor_file(path: &Path) -> Result<(Card, Model), SensorFileError> {
+pub fn read_any_sensor_file(path: &Path) -> Result<(Card, SensorModel), SensorFileError> {
     let io = |why| SensorFileError::Io { doing: "reading", path: path.to_owned(), why };
     let damaged = |why: &str| SensorFileError::Damaged { path: path.to_owned(), why: why.to_owned() };
     if path.is_dir() {
@@ -260,7 +355,7 @@ pub fn read_sensor_file(path: &Path) -> Result<(Card, Model), SensorFileError> {
     if Fingerprint::of("", rest).sha256 != card.sha256 {
         return Err(damaged("its model has changed since it was written (its SHA-256 differs)"));
     }
-    let model = Model::from_bytes(rest).map_err(|why| damaged(&why.to_string()))?;
+    let model = SensorModel::from_bytes(&card.method, rest).map_err(|why| damaged(&why.to_string()))?;
     Ok((card, model))
 }
 

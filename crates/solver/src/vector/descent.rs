@@ -17,6 +17,8 @@ pub(crate) struct VectorFit {
     pub chi2: f64,
     /// Information about x, y (mm) and the force (N).
     pub information: [[f64; 5]; 5],
+    /// Decrease of `chi2` if the place could lie beyond the border of the area, to first order.
+    pub beyond: f64,
 }
 
 /// Assumption about the force along the surface.
@@ -74,7 +76,7 @@ impl<'a> VectorDescent<'a> {
             let precision = self.precision(force_n);
             force_n = self.force_n(precision, w);
             let (normal, chi2) = self.normal(force_n, precision, w);
-            let step = self.inside(&normal, place);
+            let [step, free_step] = self.steps(&normal, place);
             if !(chi2.is_finite() && step.iter().all(|value| value.is_finite())) {
                 return None;
             }
@@ -90,6 +92,7 @@ impl<'a> VectorDescent<'a> {
                     force_n,
                     chi2: chi2 - gain,
                     information: normal.information,
+                    beyond: normal.gain(free_step) - gain,
                 });
             }
             for _ in 0..=MOST_HALVINGS {
@@ -219,14 +222,15 @@ impl<'a> VectorDescent<'a> {
         (normal, chi2)
     }
 
-    /// Returns the step, or the best step along the border if the free step would leave the area.
-    fn inside(&self, normal: &NormalEquations<5>, place: Place) -> [f64; 5] {
+    /// Returns the best step that doesn't leave the area, and the free step.
+    fn steps(&self, normal: &NormalEquations<5>, place: Place) -> [[f64; 5]; 2] {
         let area = self.map.area;
         let leaves =
             |at: f64, least: f64, most: f64, step: f64| (at <= least && step < 0.0) || (at >= most && step > 0.0);
         let axes = self.is_free();
         let mut free = [true, true, axes[0], axes[1], axes[2]];
-        let mut step = normal.step(free);
+        let free_step = normal.step(free);
+        let mut step = free_step;
         for _ in 0..2 {
             let x = free[0] && leaves(place.x_mm, area.least.x_mm, area.most.x_mm, step[0]);
             let y = free[1] && leaves(place.y_mm, area.least.y_mm, area.most.y_mm, step[1]);
@@ -236,6 +240,6 @@ impl<'a> VectorDescent<'a> {
             (free[0], free[1]) = (free[0] && !x, free[1] && !y);
             step = normal.step(free);
         }
-        step
+        [step, free_step]
     }
 }

@@ -1,7 +1,7 @@
 //! Smooth map of the outputs per newton along each axis, with its own error and the noise of a reading.
 
 use super::calibration::{VectorCalibration, VectorSpot};
-use super::{PRESS, VectorCovariance, VectorError};
+use super::{PRESS, VectorContact, VectorCovariance, VectorError};
 use crate::field::{CalibratedArea, SplineField};
 use crate::hyperparameters::Hyperparameters;
 use crate::kriging::Kriging;
@@ -13,9 +13,10 @@ use palpate_core::quantity::{Place, stream};
 use rand::RngExt;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
+use serde::{Deserialize, Serialize};
 
 /// Smooth map of the outputs per newton along each axis, and everything that a solve needs.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct VectorMap {
     pub(crate) axes: [Option<AxisMap>; 3],
     pub(crate) noise: Noise,
@@ -29,7 +30,7 @@ pub struct VectorMap {
 }
 
 /// Map of the outputs per newton along one axis.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct AxisMap {
     pub field: SplineField,
     /// Variance of the map, in units of the noise's variance, per N^2. `None` if the map is exact.
@@ -129,6 +130,32 @@ impl VectorMap {
         };
         // a step that shares no factor with the number of presses, so that all places have their turn
         (0..count).map(|nth| reading(nth * 7919)).collect()
+    }
+
+    /// Returns the same map for some of the outputs.
+    pub(crate) fn of_outputs(&self, kept: &[usize]) -> Self {
+        let select = |row: &[f64]| -> Vec<f64> { kept.iter().map(|output| row[*output]).collect() };
+        let axes = self.axes.clone().map(|axis| {
+            axis.map(|AxisMap { field, error }| AxisMap {
+                field: field.of_channels(kept),
+                error: error.map(|error| error.of_channels(kept)),
+            })
+        });
+        let [additive, proportional] = self.noise.parts().map(|part| select(&part));
+        let held = self.held.iter().map(|row| select(row)).collect();
+        VectorMap { held, ..Self::with(axes, Noise::of_parts(additive, proportional), self.area, kept.len()) }
+    }
+
+    /// Whether a reading can't be distinguished from one without contact.
+    pub(crate) fn is_weak(&self, outputs: &[f64]) -> bool {
+        let squares =
+            outputs.iter().enumerate().map(|(output, value)| value * value / self.noise.variance(output, 0.0));
+        squares.sum::<f64>() < chi2_quantile(self.outputs, FALSE_ALARMS)
+    }
+
+    /// Whether a contact lies beyond the calibrated area, with the accepted false alarms.
+    pub(crate) fn is_outside(&self, contact: &VectorContact) -> bool {
+        contact.beyond > chi2_quantile(1, 2.0 * FALSE_ALARMS)
     }
 
     /// Number of outputs of a reading.

@@ -9,6 +9,9 @@ mod descent;
 mod dragged;
 mod evaluation;
 mod map;
+mod model;
+mod session;
+mod solution;
 mod solve;
 
 pub use calibration::{VectorCalibration, VectorRow};
@@ -17,6 +20,9 @@ pub use dragged::DraggedRow;
 pub use evaluation::VectorErrors;
 pub(crate) use map::FALSE_ALARMS;
 pub use map::VectorMap;
+pub use model::{VECTOR_METHOD, VectorModel};
+pub use session::{VectorFits, VectorSession};
+pub use solution::{VECTOR_NUMBERS, VectorSolution, VectorVerdict};
 pub(crate) use solve::AxisBuffers;
 pub use solve::VectorWorkspace;
 
@@ -42,6 +48,8 @@ pub struct VectorContact {
     pub chi2: f64,
     /// The same sum divided by the limit that one contact exceeds only at the false-alarm rate.
     pub misfit: f64,
+    /// Decrease of `chi2` if the contact could lie beyond the border of the calibrated area.
+    pub beyond: f64,
 }
 
 /// Force along the surface.

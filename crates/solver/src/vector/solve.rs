@@ -7,6 +7,7 @@ use crate::SolveError;
 use crate::field::CalibratedArea;
 use crate::noise::Noise;
 use palpate_core::quantity::Place;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::ops::Range;
 
@@ -29,7 +30,7 @@ pub(crate) struct AxisBuffers {
 }
 
 /// Grid of places, each with an orthonormal basis of its columns in units of the outputs' noise.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Coarse {
     pub places: Vec<Place>,
     pub noise_sd: Vec<f64>,
@@ -164,9 +165,9 @@ impl VectorMap {
                 (assumed, covariance, Shear::NotDeterminable { bound_n })
             }
         };
-        let VectorFit { place, force_n, chi2, .. } = fit;
+        let VectorFit { place, force_n, chi2, beyond, .. } = fit;
         let misfit = chi2 / self.misfit_most[usize::from(free.is_some())];
-        Ok(VectorContact { place, press_n: force_n[PRESS], shear, covariance, chi2, misfit })
+        Ok(VectorContact { place, press_n: force_n[PRESS], shear, covariance, chi2, misfit, beyond })
     }
 
     pub(crate) fn check(&self, outputs: &[f64]) -> Result<(), SolveError> {
@@ -198,7 +199,7 @@ impl VectorMap {
     pub(super) fn fitted(&self, place: Place, force_n: [f64; 3]) -> Option<VectorCovariance> {
         let outputs = vec![0.0; self.outputs];
         let descent = VectorDescent::new(self, &outputs, ShearPrior::None);
-        let fit = VectorFit { place, force_n, chi2: 0.0, information: [[0.0; 5]; 5] };
+        let fit = VectorFit { place, force_n, chi2: 0.0, information: [[0.0; 5]; 5], beyond: 0.0 };
         covariance(&descent.information_at(&fit, &mut VectorWorkspace::default())?)
     }
 }

@@ -111,3 +111,39 @@ fn invalid_rows_and_readings_are_refused_by_name() {
     assert!(known().solve(&[f64::NAN; 27], &mut workspace).is_err());
     assert!(known().solve(&[0.0; 27], &mut workspace).is_err(), "nothing touches the array");
 }
+
+#[test]
+fn verdicts_name_a_weak_signal_a_place_outside_and_a_missing_output() {
+    let validity = crate::Validity {
+        units: 27,
+        presses: 0,
+        places: 0,
+        x_mm: [-6.0, 6.0],
+        y_mm: [-6.0, 6.0],
+        force_n: None,
+        depth_mm: None,
+    };
+    let layout = palpate_core::quantity::ArrayLayout::grid(3, 3, 4.5).with_channels(3);
+    let model = VectorModel { map: known(), layout, validity };
+    let copy = VectorModel::from_bytes(&model.to_bytes().unwrap()).unwrap();
+    let mut session = VectorSession::new(std::sync::Arc::new(VectorFits::new(copy)));
+    let [place, outside] = [Place::new(0.3, -1.1), Place::new(6.4, 0.5)];
+    let reading = read(place, [0.1, -0.2, 0.5]);
+    assert_eq!(session.solve(&reading).unwrap().verdict, VectorVerdict::Ok);
+    assert_eq!(session.solve(&read(place, [0.0, 0.0, 0.02])).unwrap().verdict, VectorVerdict::WeakSignal);
+    assert_eq!(session.solve(&read(outside, [0.0, 0.0, 0.5])).unwrap().verdict, VectorVerdict::OutsideArea);
+    // without one output of a unit, and without two whole units, of which another one doesn't read
+    let without = |outputs: &[usize], reading: &[f64]| -> Vec<f64> {
+        reading.iter().enumerate().map(|(i, value)| if outputs.contains(&i) { f64::NAN } else { *value }).collect()
+    };
+    let left = session.solve(&without(&[13], &reading)).unwrap();
+    assert!(left.verdict == VectorVerdict::Ok && left.contact.place.distance_mm(place) < 2e-3, "{left:?}");
+    let mut dead = read(place, [0.0, 0.0, 1.0]);
+    dead[12..15].fill(0.0);
+    let left = session.solve(&without(&[0, 1, 2, 3, 4, 5], &dead)).unwrap();
+    assert!(left.verdict == VectorVerdict::UnitFault(4) && left.verdict.unit() == Some(5), "{left:?}");
+    assert_eq!(session.solve(&[f64::NAN; 27]), Err(crate::Unanswered::NoOutputs));
+    let most: Vec<usize> = (2..27).collect();
+    assert_eq!(session.solve(&without(&most, &reading)), Err(crate::Unanswered::TooFewOutputs));
+    assert!(matches!(session.solve(&[0.0]), Err(crate::Unanswered::Solve(_))));
+}

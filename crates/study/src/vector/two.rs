@@ -66,7 +66,7 @@ pub fn two_contacts(size: VectorSize, seed: u64, on_progress: OnProgress<'_>) ->
         let mut specimen = VectorSpecimen::new(3, channels, noise_sd, seed);
         let known = specimen.known();
         let map: VectorMap = if is_true_map { known.clone() } else { specimen.calibrated(side, false)? };
-        let two = TwoContacts::new(&map);
+        let two = TwoContacts::new(map);
         let each = size.of(&SEPARATIONS_MM).into_iter().map(|separation_mm| {
             let row = found(&mut specimen, &two, &known, separation_mm, size.tests, seed);
             TwoRow { scene, taxels: taxels(channels), is_true_map, places: side, ..row }
@@ -78,7 +78,7 @@ pub fn two_contacts(size: VectorSize, seed: u64, on_progress: OnProgress<'_>) ->
 
 fn found(
     specimen: &mut VectorSpecimen,
-    two: &TwoContacts<'_>,
+    two: &TwoContacts,
     known: &VectorMap,
     separation_mm: f64,
     tests: usize,
