@@ -4,10 +4,11 @@
 //! gain at the same false-alarm rate, so gains over their limits are comparable. [`explain`] alone decides.
 
 use crate::SolveError;
-use crate::two::{TwoContacts, limit};
+use crate::two::{Pair, TwoContacts, limit};
 use crate::vector::{ShearPrior, VectorMap, VectorWorkspace};
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::ArrayLayout;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -76,35 +77,45 @@ pub struct Causes {
     two: TwoContacts,
     /// Each unit with its outputs.
     units: Vec<(usize, Range<usize>)>,
-    shear_most: f64,
-    broken_most: f64,
+    limits: GainLimits,
+}
+
+/// Gains of the explanations that a single contact exceeds only at the false-alarm rate.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(crate) struct GainLimits {
+    two: f64,
+    shear: f64,
+    broken: f64,
 }
 
 impl Causes {
     /// Learns the limits from the calibration's presses.
     pub fn new(map: impl Into<Arc<VectorMap>>, layout: &ArrayLayout) -> Self {
-        Causes::of(map.into(), layout.units().enumerate().collect())
+        Causes::of(map.into(), layout.units().enumerate().collect(), None)
     }
 
-    /// Learns the limits of an array with these units.
-    pub(crate) fn of(map: Arc<VectorMap>, units: Vec<(usize, Range<usize>)>) -> Self {
+    /// Prepares an array with these units. Learns the limits if they aren't known.
+    pub(crate) fn of(map: Arc<VectorMap>, units: Vec<(usize, Range<usize>)>, limits: Option<GainLimits>) -> Self {
+        if let Some(limits) = limits {
+            return Causes { two: TwoContacts::limited(map.clone(), limits.two), map, units, limits };
+        }
         let two = TwoContacts::new(map.clone());
         let singles = map.single_contacts(SINGLE_CONTACTS);
-        let mut causes = Causes { map, two, units, shear_most: f64::INFINITY, broken_most: f64::INFINITY };
+        let limits = GainLimits { two: two.gain_most, shear: f64::INFINITY, broken: f64::INFINITY };
+        let mut causes = Causes { map, two, units, limits };
         let tried: Vec<Option<Vec<Candidate>>> =
             in_parallel(&singles, |outputs| causes.candidates(outputs, &mut VectorWorkspace::default()).ok());
         let most = |is_it: fn(&MisfitCause) -> bool| {
             let all = tried.iter().flatten().flatten().filter(|candidate| is_it(&candidate.cause));
             limit(all.map(|candidate| candidate.gain).collect())
         };
-        causes.shear_most = most(|cause| *cause == MisfitCause::Shear);
-        causes.broken_most = most(|cause| matches!(cause, MisfitCause::BrokenUnit(_)));
+        causes.limits.shear = most(|cause| *cause == MisfitCause::Shear);
+        causes.limits.broken = most(|cause| matches!(cause, MisfitCause::BrokenUnit(_)));
         causes
     }
 
-    /// The solver of one or two contacts, with its limit.
-    pub fn two(&self) -> &TwoContacts {
-        &self.two
+    pub(crate) fn limits(&self) -> GainLimits {
+        self.limits
     }
 
     /// The map of the calibration.
@@ -112,37 +123,38 @@ impl Causes {
         &self.map
     }
 
-    /// Returns what a reading means.
-    ///
-    /// # Errors
-    /// The reading has another number of outputs, a number isn't finite, or no press explains any of it.
-    pub fn explain(&self, outputs: &[f64], workspace: &mut VectorWorkspace) -> Result<Explanation, SolveError> {
-        Ok(explain(&self.candidates(outputs, workspace)?))
-    }
-
     /// Returns all explanations of a reading. Of the units, only the one whose absence explains most is a candidate. A shear is one if
     /// the calibration shows its effect.
     ///
     /// # Errors
-    /// As [`explain`](Self::explain).
+    /// The reading has another number of outputs, a number isn't finite, or no press explains any of it.
     pub fn candidates(&self, outputs: &[f64], w: &mut VectorWorkspace) -> Result<Vec<Candidate>, SolveError> {
+        Ok(self.compared(outputs, w)?.0)
+    }
+
+    /// Returns all explanations of a reading, and the best pair of contacts.
+    pub(crate) fn compared(
+        &self,
+        outputs: &[f64],
+        w: &mut VectorWorkspace,
+    ) -> Result<(Vec<Candidate>, Option<Pair>), SolveError> {
         self.map.check(outputs)?;
-        let (one, _, gain) = self.two.gain(outputs, w).ok_or(SolveError::AllEqual)?;
-        let mut candidates = vec![Candidate { cause: MisfitCause::TwoContacts, gain, gain_most: self.two.gain_most }];
+        let (one, pair, gain) = self.two.gain(outputs, w).ok_or(SolveError::AllEqual)?;
+        let mut candidates = vec![Candidate { cause: MisfitCause::TwoContacts, gain, gain_most: self.limits.two }];
         if self.map.knows_shear()
             && let Some(fit) = self.map.best(outputs, ShearPrior::Usual, 0..0, w)
         {
             let gain = one.chi2 - fit.chi2;
-            candidates.push(Candidate { cause: MisfitCause::Shear, gain, gain_most: self.shear_most });
+            candidates.push(Candidate { cause: MisfitCause::Shear, gain, gain_most: self.limits.shear });
         }
         let without = self.units.iter().filter_map(|(unit, outputs_of)| {
             Some((*unit, self.map.best(outputs, ShearPrior::Zero, outputs_of.clone(), w)?.chi2))
         });
         if let Some((unit, chi2)) = without.min_by(|a, b| a.1.total_cmp(&b.1)) {
             let gain = one.chi2 - chi2;
-            candidates.push(Candidate { cause: MisfitCause::BrokenUnit(unit), gain, gain_most: self.broken_most });
+            candidates.push(Candidate { cause: MisfitCause::BrokenUnit(unit), gain, gain_most: self.limits.broken });
         }
-        Ok(candidates)
+        Ok((candidates, pair))
     }
 }
 

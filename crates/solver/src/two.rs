@@ -74,7 +74,15 @@ const LAST_GAIN: f64 = 1e-3;
 impl TwoContacts {
     /// Prepares the search, and learns the limit of a single contact from presses of the calibration that their map didn't know.
     pub fn new(map: impl Into<Arc<VectorMap>>) -> Self {
-        let map = map.into();
+        let mut two = TwoContacts::limited(map.into(), f64::INFINITY);
+        let gain = |outputs: &Vec<f64>| Some(two.gain(outputs, &mut VectorWorkspace::default())?.2);
+        let gains = in_parallel(&two.map.single_contacts(SINGLE_CONTACTS), gain);
+        two.gain_most = limit(gains.into_iter().flatten().collect());
+        two
+    }
+
+    /// Prepares the search with a known limit.
+    pub(crate) fn limited(map: Arc<VectorMap>, gain_most: f64) -> Self {
         let places = map.coarse.places.len();
         let mut products = vec![0.0; places * places];
         for row in map.coarse.bases.chunks_exact(3 * places) {
@@ -82,11 +90,7 @@ impl TwoContacts {
                 products.iter_mut().zip(row).for_each(|(product, other)| *product += one * other);
             }
         }
-        let singles = map.single_contacts(SINGLE_CONTACTS);
-        let mut two = TwoContacts { map, products, gain_most: f64::INFINITY };
-        let gain = |outputs: &Vec<f64>| Some(two.gain(outputs, &mut VectorWorkspace::default())?.2);
-        two.gain_most = limit(in_parallel(&singles, gain).into_iter().flatten().collect());
-        two
+        TwoContacts { map, products, gain_most }
     }
 
     /// Returns the contacts that caused one reading.
@@ -240,7 +244,8 @@ impl Pair {
         Pair { places, forces_n, errors_mm, errors_n: [sd(4), sd(5)], chi2 }
     }
 
-    fn is_separable(&self) -> bool {
+    /// Whether the outputs show both places within 1 mm and both forces within 0.1 N.
+    pub(crate) fn is_separable(&self) -> bool {
         let is_within = |errors: [f64; 2], most: f64| errors.iter().all(|error| *error <= most);
         is_within(self.errors_mm, SEPARABLE_MM) && is_within(self.errors_n, SEPARABLE_N)
     }

@@ -7,6 +7,7 @@ use super::cell::{CellContent, CellType, CellValue, Misread};
 use crate::recipe::Phase;
 use palpate_control::SetPoint;
 use palpate_core::quantity::Place;
+use palpate_solver::vector::VectorRow;
 use serde::{Deserialize, Serialize, Serializer, ser::SerializeMap};
 
 /// Tables that have a column.
@@ -180,6 +181,12 @@ impl Press {
     /// Returns the force along x, y and the press, N; `None` if a component is unknown.
     pub fn force_vector_n(&self) -> Option<[f64; 3]> {
         Some([self.force_x_n?, self.force_y_n?, self.force_n?])
+    }
+
+    /// Returns what a vector calibration uses; `None` if a component of the force is unknown or the press has a fault.
+    pub fn vector_row(&self) -> Option<VectorRow<'_>> {
+        let force_n = self.force_vector_n()?;
+        (!self.is_flagged()).then(|| VectorRow { place: self.place(), force_n, outputs: &self.outputs })
     }
 
     /// Whether the press has a fault.

@@ -2,6 +2,9 @@
 
 use super::{Lookalike, Press, RecordedContact, output_name};
 use crate::recipe::Phase;
+use palpate_core::quantity::Place;
+use palpate_solver::vector::{DraggedRow, VectorRow};
+use std::collections::HashMap;
 
 /// Presses of one array, each with as many outputs as the array has channels.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,6 +48,32 @@ impl Presses {
     /// Returns the presses of one phase, without flagged presses.
     pub fn sound(&self, phase: Phase) -> impl Iterator<Item = &Press> {
         self.presses.iter().filter(move |press| press.is_of(phase) && !press.is_flagged())
+    }
+
+    /// Returns the presses of one phase, with those after a drag.
+    pub fn of_phase(&self, phase: Phase) -> Presses {
+        let is_of_it = |index: &usize| self.presses[*index].phase == Some(phase);
+        self.some(&(0..self.presses.len()).filter(is_of_it).collect::<Vec<_>>())
+    }
+
+    /// Returns the presses without a fault whose force vector is known.
+    pub fn vector_rows(&self) -> impl Iterator<Item = VectorRow<'_>> {
+        self.presses.iter().filter_map(Press::vector_row)
+    }
+
+    /// Returns the same presses, each with the place where its drag began.
+    pub fn dragged_rows(&self) -> Vec<DraggedRow<'_>> {
+        // a press is before its drag; another session may use its number again
+        let mut pressed: HashMap<u64, Place> = HashMap::new();
+        let rows = self.presses.iter().filter_map(|press| {
+            let place = press.place();
+            if !press.is_dragged() {
+                pressed.insert(press.press, place);
+            }
+            let pressed = pressed.get(&press.press).copied().unwrap_or(place);
+            press.vector_row().map(|row| DraggedRow { pressed, row })
+        });
+        rows.collect()
     }
 
     /// Keeps the presses of one phase, if the table has presses of this phase and of others. Returns how many there were of all.

@@ -1,6 +1,7 @@
 //! Content of a sensor file for force vectors: a map with its array.
 
-use super::{DraggedRow, VectorError, VectorMap};
+use super::{DraggedRow, VectorMap};
+use crate::causes::{Causes, GainLimits};
 use crate::field::CalibratedArea;
 use crate::{ModelError, Validity};
 use palpate_core::quantity::{ArrayLayout, Place};
@@ -15,15 +16,13 @@ pub struct VectorModel {
     pub(super) map: VectorMap,
     pub(super) layout: ArrayLayout,
     pub(super) validity: Validity,
+    pub(super) limits: GainLimits,
 }
 
 impl VectorModel {
-    /// Fits presses and drags. Without a layout, each output is a unit of its own.
-    ///
-    /// # Errors
-    /// The rows give no calibration or no map.
-    pub fn fit(rows: &[DraggedRow<'_>], layout: Option<ArrayLayout>) -> Result<Self, VectorError> {
-        let map = VectorMap::fit_dragged(rows)?;
+    /// Returns the model of a map fitted to these presses and drags. Learns the limits of its verdicts. Without a layout, each output is
+    /// a unit of its own.
+    pub fn new(map: VectorMap, rows: &[DraggedRow<'_>], layout: Option<ArrayLayout>) -> Self {
         let units = map.outputs();
         let layout = layout.filter(|layout| layout.len() == units);
         let layout = layout.unwrap_or_else(|| ArrayLayout::from_places(vec![Place::default(); units]));
@@ -42,7 +41,8 @@ impl VectorModel {
             force_n: Some([forces().fold(f64::INFINITY, f64::min), forces().fold(0.0, f64::max)]),
             depth_mm: None,
         };
-        Ok(VectorModel { map, layout, validity })
+        let limits = Causes::new(map.clone(), &layout).limits();
+        VectorModel { map, layout, validity, limits }
     }
 
     /// Returns the map.

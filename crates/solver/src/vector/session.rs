@@ -32,9 +32,10 @@ pub struct VectorSession {
 const FEWEST_OUTPUTS: usize = 3;
 
 impl VectorFits {
-    /// Learns the limits of a model's verdicts.
+    /// Prepares a model.
     pub fn new(model: VectorModel) -> Self {
-        let whole = Causes::new(model.map.clone(), &model.layout);
+        let units = model.layout.units().enumerate().collect();
+        let whole = Causes::of(Arc::new(model.map.clone()), units, Some(model.limits));
         VectorFits { model, whole, partial: Mutex::default() }
     }
 
@@ -43,7 +44,7 @@ impl VectorFits {
         &self.model
     }
 
-    /// Returns the map for some of the outputs. It is kept; beyond [`MOST_FITS`] it replaces the oldest one.
+    /// Returns the map for some of the outputs, with limits of its own. It is kept; beyond [`MOST_FITS`] it replaces the oldest one.
     fn of_outputs(&self, kept: &[usize]) -> Arc<Causes> {
         let known = |partial: &[Partial]| partial.iter().find(|made| made.kept == kept).map(|made| made.causes.clone());
         if let Some(causes) = known(&lock(&self.partial)) {
@@ -54,7 +55,7 @@ impl VectorFits {
         let units = self.model.layout.units().enumerate();
         let units = units.map(|(unit, outputs)| (unit, position(outputs.start)..position(outputs.end)));
         let units: Vec<(usize, Range<usize>)> = units.filter(|(_, outputs)| !outputs.is_empty()).collect();
-        let causes = Arc::new(Causes::of(Arc::new(self.model.map.of_outputs(kept)), units));
+        let causes = Arc::new(Causes::of(Arc::new(self.model.map.of_outputs(kept)), units, None));
         let mut partial = lock(&self.partial);
         if partial.len() >= MOST_FITS {
             partial.remove(0);

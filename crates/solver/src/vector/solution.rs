@@ -2,8 +2,8 @@
 
 use super::{Shear, VectorContact, VectorWorkspace};
 use crate::SolveError;
-use crate::causes::{Causes, Explanation, MisfitCause};
-use crate::two::{ContactCount, Pair};
+use crate::causes::{Causes, Explanation, MisfitCause, explain};
+use crate::two::Pair;
 use std::borrow::Cow;
 
 /// What a reading means.
@@ -126,14 +126,13 @@ impl Causes {
         if self.map().is_weak(outputs) {
             return Ok(answer(VectorVerdict::WeakSignal));
         }
-        Ok(match self.explain(outputs, workspace)? {
-            Explanation::Is(MisfitCause::TwoContacts) => match self.two().solve(outputs, workspace)? {
-                ContactCount::One { .. } => answer(VectorVerdict::NotOneContact),
-                ContactCount::Two(pair) => VectorSolution { pair: Some(pair), ..answer(VectorVerdict::TwoContacts) },
-                ContactCount::TwoNotSeparable(pair) => {
-                    VectorSolution { pair: Some(pair), ..answer(VectorVerdict::TwoNotSeparable) }
-                }
-            },
+        let (candidates, pair) = self.compared(outputs, workspace)?;
+        Ok(match explain(&candidates) {
+            Explanation::Is(MisfitCause::TwoContacts) => {
+                let is_separable = pair.is_some_and(|pair| pair.is_separable());
+                let verdict = if is_separable { VectorVerdict::TwoContacts } else { VectorVerdict::TwoNotSeparable };
+                VectorSolution { pair, ..answer(verdict) }
+            }
             Explanation::Is(MisfitCause::BrokenUnit(unit)) => answer(VectorVerdict::UnitFault(unit)),
             Explanation::Either(one, other) => answer(VectorVerdict::Either(one, other)),
             Explanation::OneContact | Explanation::Is(MisfitCause::Shear) => answer(match contact.shear {

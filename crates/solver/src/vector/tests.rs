@@ -124,7 +124,8 @@ fn verdicts_name_a_weak_signal_a_place_outside_and_a_missing_output() {
         depth_mm: None,
     };
     let layout = palpate_core::quantity::ArrayLayout::grid(3, 3, 4.5).with_channels(3);
-    let model = VectorModel { map: known(), layout, validity };
+    let limits = crate::causes::Causes::new(known(), &layout).limits();
+    let model = VectorModel { map: known(), layout, validity, limits };
     let copy = VectorModel::from_bytes(&model.to_bytes().unwrap()).unwrap();
     let mut session = VectorSession::new(std::sync::Arc::new(VectorFits::new(copy)));
     let [place, outside] = [Place::new(0.3, -1.1), Place::new(6.4, 0.5)];
