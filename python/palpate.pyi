@@ -304,6 +304,101 @@ class Evaluation:
     def judgement(self) -> dict[str, Any] | None:
         """The verdict with each limit; None without a rule."""
 
+@final
+class VectorContact:
+    """The contact behind one reading, with its force vector. An unknown number is NaN."""
+
+    @property
+    def x_mm(self) -> float:
+        """x of the contact, specimen frame, mm."""
+    @property
+    def y_mm(self) -> float:
+        """y of the contact, specimen frame, mm."""
+    @property
+    def force_x_n(self) -> float:
+        """Force along x, N; NaN if the outputs can't show it."""
+    @property
+    def force_y_n(self) -> float:
+        """Force along y, N; NaN if the outputs can't show it."""
+    @property
+    def force_n(self) -> float:
+        """Force into the specimen, N."""
+    @property
+    def sd_x_mm(self) -> float:
+        """Standard deviation of x, mm."""
+    @property
+    def sd_y_mm(self) -> float:
+        """Standard deviation of y, mm."""
+    @property
+    def sd_force_x_n(self) -> float:
+        """Standard deviation of the force along x, N."""
+    @property
+    def sd_force_y_n(self) -> float:
+        """Standard deviation of the force along y, N."""
+    @property
+    def sd_force_n(self) -> float:
+        """Standard deviation of the force into the specimen, N."""
+    @property
+    def shear_bound_n(self) -> float:
+        """Expected error of a force along the surface that the outputs can't show, N."""
+    @property
+    def second_x_mm(self) -> float:
+        """x of a second contact, specimen frame, mm."""
+    @property
+    def second_y_mm(self) -> float:
+        """y of a second contact, specimen frame, mm."""
+    @property
+    def second_force_n(self) -> float:
+        """Force of a second contact, N."""
+    @property
+    def misfit(self) -> float:
+        """Misfit between the reading and one contact; above 1: not a single contact."""
+    @property
+    def verdict(self) -> str:
+        """Whether the contact is credible, or what the reading is instead."""
+    @property
+    def unit(self) -> int | None:
+        """The taxel that contradicts the others, counted from 1, if the verdict is `unit-fault`."""
+    @property
+    def error(self) -> str | None:
+        """Why there is no contact, if the verdict is `unsolved`."""
+
+@final
+class VectorModel:
+    """A calibrated sensor that solves places and force vectors."""
+
+    @staticmethod
+    def load(path: _Path) -> VectorModel:
+        """Loads a sensor file, which `save` or `palpate fit --vector` wrote."""
+    def save(self, path: _Path) -> None:
+        """Writes the model to a sensor file. Replaces a sensor file, but nothing else."""
+    @overload
+    def solve(self, readings: _Reading) -> VectorContact: ...
+    @overload
+    def solve(self, readings: _Batch) -> Frame: ...
+    @overload
+    def solve(self, readings: ArrayLike) -> Any:
+        """Solves one reading, shape (outputs,), or a batch, shape (rows, outputs). A missing output is NaN.
+
+        One reading gives a `VectorContact`, a batch a `Frame` with the attributes of a `VectorContact` as columns (unit is 0 if there
+        is none). The numbers are those of `palpate solve`, to the last bit. Other threads continue meanwhile.
+        """
+    @property
+    def sensor(self) -> str | None:
+        """ID of the sensor; None if its run has none."""
+    @property
+    def outputs(self) -> int:
+        """Number of outputs of a reading."""
+    @property
+    def x_mm(self) -> tuple[float, float]:
+        """Smallest and largest x of the calibration, mm."""
+    @property
+    def y_mm(self) -> tuple[float, float]:
+        """Smallest and largest y of the calibration, mm."""
+    @property
+    def knows_shear(self) -> bool:
+        """Whether the calibration shows the effect of a force along the surface."""
+
 def load(run: _Path, *, columns: str | None = None) -> Run:
     """Loads a run folder or a table of presses.
 
@@ -329,6 +424,12 @@ def fit(
     contacts with a wrong verdict (0.01). `forces_n`: the expected forces (least, most), N, if the calibration has one force.
     `columns`: what the columns of a table contain. `quantity`: what is solved besides the place; without it the force, or the depth
     if only depths are known. Forces are those of the load cell.
+    """
+
+def fit_vector(run: Run | _Path, *, columns: str | None = None) -> VectorModel:
+    """Fits a run or a table of presses and drags, like `palpate fit --vector`.
+
+    `columns`: what the columns of a table contain. Raises `UsageError` if no press has three components of the force.
     """
 
 def run(

@@ -12,6 +12,7 @@ mod readings;
 mod refused;
 mod results;
 mod run;
+mod vectors;
 
 use pyo3::prelude::*;
 
@@ -35,6 +36,8 @@ mod package {
     use super::results::{PyEvaluation, certificate, evaluate, report};
     #[pymodule_export]
     use super::run::{PyRun, load};
+    #[pymodule_export]
+    use super::vectors::{PyVectorContact, PyVectorModel, fit_vector};
 
     use pyo3::prelude::*;
 

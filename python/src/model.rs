@@ -3,12 +3,11 @@
 use super::contact::{PyContact, PyContacts};
 use super::given::{RunPath, noted};
 use super::readings::PyReadings;
-use super::refused::{raised, warn};
-use palpate::api::{self, ColumnsOptions, Measure, MethodOptions, Sensor};
+use super::refused::{UsageError, raised, warn};
+use palpate::api::{self, ColumnsOptions, Measure, MethodOptions, Sensor, SensorModel};
 use palpate_core::parallel::lock;
 use palpate_data::dataset::Fingerprint;
 use palpate_solver::{self as solver, Solver as _};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
@@ -70,6 +69,7 @@ pub fn fit(
         common_offset,
         false_alarms: false_alarms.unwrap_or(default.false_alarms),
         forces_n: forces_n.into_iter().flat_map(|(least, most)| [least, most]).collect(),
+        vector: false,
         columns: ColumnsOptions { columns, sheet: None },
     };
     let path = run.path().to_owned();
@@ -80,6 +80,12 @@ impl PyModel {
     fn of(py: Python<'_>, sensor: Result<(Sensor, Vec<String>), api::Failure>) -> PyResult<Self> {
         let (Sensor { model, sensor, made_from }, notes) = sensor.map_err(raised)?;
         warn(py, &notes)?;
+        let SensorModel::Contact(model) = model else {
+            return Err(UsageError::new_err(
+                "the sensor file solves force vectors: load it with palpate.VectorModel.load",
+            ));
+        };
+        let model = *model;
         Ok(PyModel { model: Arc::new(model), sensor, made_from, idle: Mutex::default() })
     }
 
@@ -107,7 +113,8 @@ impl PyModel {
     /// Writes the model to a sensor file. Replaces a sensor file, but nothing else.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let (sensor, made_from) = (self.sensor.clone(), self.made_from.clone());
-        py.detach(|| api::write_sensor(&self.model, sensor, made_from, &path)).map_err(raised)
+        let copy = SensorModel::copy_of(&self.model).map_err(|why| UsageError::new_err(why.to_string()))?;
+        py.detach(|| api::write_sensor(copy, sensor, made_from, &path)).map_err(raised)
     }
 
     /// Solves one reading, shape (outputs,), or a batch, shape (rows, outputs). A missing output is NaN.
@@ -206,11 +213,7 @@ fn solved<'py>(
     units: usize,
     session: impl FnOnce(&mut dyn FnMut(&mut solver::Session)) + Send,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let readings = PyReadings::of(given)?;
-    if readings.outputs != units {
-        let found = readings.outputs;
-        return Err(PyValueError::new_err(format!("the reading has {found} outputs, the calibration has {units}")));
-    }
+    let readings = PyReadings::of(given, units)?;
     let numbers = readings.numbers()?;
     match readings.rows {
         None => {

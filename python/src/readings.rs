@@ -12,15 +12,14 @@ pub struct PyReadings<'py> {
     array: PyReadonlyArrayDyn<'py, f64>,
     /// Number of rows; `None` for one reading.
     pub rows: Option<usize>,
-    /// Number of outputs of each reading.
-    pub outputs: usize,
 }
 
 impl<'py> PyReadings<'py> {
-    /// Takes an array of shape (outputs,) or (rows, outputs). Other types are converted by `numpy.asarray`.
-    pub fn of(given: &Bound<'py, PyAny>) -> PyResult<Self> {
+    /// Takes an array of shape (outputs,) or (rows, outputs) for a calibration of `units` outputs. Other types are converted by
+    /// `numpy.asarray`.
+    pub fn of(given: &Bound<'py, PyAny>, units: usize) -> PyResult<Self> {
         if let Some(array) = given.cast::<PyArrayDyn<f64>>().ok().filter(|array| array.is_c_contiguous()) {
-            return PyReadings::of_array(array);
+            return PyReadings::of_array(array, units);
         }
         if given.cast::<PyFrame>().is_ok() {
             return Err(PyTypeError::new_err("readings are an array of numbers: use the `outputs` of the frame"));
@@ -30,10 +29,10 @@ impl<'py> PyReadings<'py> {
         kwargs.set_item(intern!(py, "dtype"), "float64")?;
         kwargs.set_item(intern!(py, "order"), "C")?;
         let array = py.import(intern!(py, "numpy"))?.call_method("asarray", (given,), Some(&kwargs))?;
-        PyReadings::of_array(array.cast::<PyArrayDyn<f64>>()?)
+        PyReadings::of_array(array.cast::<PyArrayDyn<f64>>()?, units)
     }
 
-    fn of_array(array: &Bound<'py, PyArrayDyn<f64>>) -> PyResult<Self> {
+    fn of_array(array: &Bound<'py, PyArrayDyn<f64>>, units: usize) -> PyResult<Self> {
         let (rows, outputs) = match *array.shape() {
             [outputs] => (None, outputs),
             [rows, outputs] => (Some(rows), outputs),
@@ -45,7 +44,11 @@ impl<'py> PyReadings<'py> {
                 return Err(PyValueError::new_err(text));
             }
         };
-        Ok(PyReadings { array: array.try_readonly()?, rows, outputs })
+        if outputs != units {
+            let text = format!("the reading has {outputs} outputs, the calibration has {units}");
+            return Err(PyValueError::new_err(text));
+        }
+        Ok(PyReadings { array: array.try_readonly()?, rows })
     }
 
     /// Returns the numbers, one reading after the other.

@@ -67,14 +67,13 @@ pub fn read_sensor(path: &Path, note: Note<'_>) -> Result<Sensor, Failure> {
 /// # Errors
 /// Something else is at the path, or the file can't be written.
 pub fn write_sensor(
-    model: &SensorModel,
+    model: SensorModel,
     sensor: Option<String>,
     made_from: Vec<Fingerprint>,
     path: &Path,
 ) -> Result<(), Failure> {
     check_replaceable(path).map_err(Failure::usage)?;
-    let file = model.copy().map_err(SensorFileError::from).and_then(|model| SensorFile::new(model, sensor, made_from));
-    place(&file.map_err(Failure::usage)?, path)
+    place(&SensorFile::new(model, sensor, made_from).map_err(Failure::usage)?, path)
 }
 
 /// Writes a prepared sensor file.

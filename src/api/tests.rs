@@ -41,9 +41,10 @@ fn a_run_is_made_read_and_fitted() {
     let options = MethodOptions { solver: "pearson".to_owned(), ..MethodOptions::default() };
     let fitted = fit(begun.path(), &options, &note).unwrap();
     let file = folder.path().join("a.palpate");
-    write_sensor(&fitted.model, fitted.sensor, fitted.made_from, &file).unwrap();
+    let bytes = fitted.model.to_bytes().unwrap();
+    write_sensor(fitted.model, fitted.sensor, fitted.made_from, &file).unwrap();
     let read = read_sensor(&file, &note).unwrap();
-    assert_eq!(read.model.to_bytes().unwrap(), fitted.model.to_bytes().unwrap());
+    assert_eq!(read.model.to_bytes().unwrap(), bytes);
 }
 
 #[test]

@@ -181,13 +181,12 @@ impl SensorModel {
         }
     }
 
-    /// Returns the same model read from its bytes.
+    /// Returns a copy of a model.
     ///
     /// # Errors
     /// No known case.
-    pub fn copy(&self) -> Result<Self, ModelError> {
-        let bytes = self.to_bytes()?;
-        SensorModel::from_bytes(self.method(), &bytes)
+    pub fn copy_of(model: &Model) -> Result<Self, ModelError> {
+        Ok(Model::from_bytes(&model.to_bytes()?)?.into())
     }
 
     fn from_bytes(method: &str, bytes: &[u8]) -> Result<Self, ModelError> {
