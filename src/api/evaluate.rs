@@ -8,7 +8,7 @@ use super::holdout::HoldoutOptions;
 use super::method::{check_solver, load, solvers};
 use super::recorded::{read_presses, read_run, warn_of_units};
 use super::stdin::is_stdin;
-use super::vectors;
+use super::vectors::{self, VectorEvaluation};
 use super::{Failure, Note};
 use palpate_core::quantity::ArrayLayout;
 use palpate_data::acceptance::{AcceptanceRule, Judgement};
@@ -19,7 +19,6 @@ use palpate_data::dataset::{Evidence, Holdout, Presses};
 use palpate_data::recipe::Phase;
 use palpate_report::report::is_beside_paper;
 use palpate_run::batch::ByDesign;
-use palpate_solver::vector::VectorErrors;
 use palpate_solver::{BEST, Evaluation, SOLVERS, Solver as _, TriedMethod};
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -112,7 +111,7 @@ pub struct Evaluated {
     /// Errors of force vectors without a place; then there is nothing else.
     pub forces: Option<ForcesEvaluated>,
     /// Errors of force vectors and places; then there is nothing else.
-    pub vector: Option<VectorErrors>,
+    pub vector: Option<VectorEvaluation>,
 }
 
 /// Evaluates and judges, like `palpate evaluate`. A rule without a test gives a verdict that isn't decided.

@@ -62,6 +62,7 @@ pub use solutions::{Measure, NUMBERS, UNSOLVED, numbers};
 pub use solve::{SolveOptions, solve};
 pub use sources::RigOptions;
 pub use vector_answer::vector_numbers;
+pub use vectors::VectorEvaluation;
 pub use which_way::{ConfirmOptions, Confirmed};
 
 /// Receives the lines that a command prints about its input, without an end of line: notes, and warnings that begin with `warning: `.

@@ -5,15 +5,26 @@ use super::{Failure, Note, Sensor, stdin};
 use palpate_data::dataset::sensor_file::SensorModel;
 use palpate_data::dataset::{Mapping, Presses};
 use palpate_data::recipe::Phase;
-use palpate_solver::vector::{VectorError, VectorErrors, VectorMap, VectorModel};
+use palpate_solver::vector::{SuperposedPresses, VectorError, VectorErrors, VectorMap, VectorModel};
+use serde::Serialize;
 use std::path::Path;
+
+/// Errors of test presses, and answers to pairs of them.
+#[derive(Clone, Debug, Serialize)]
+pub struct VectorEvaluation {
+    /// Errors of place and force vector.
+    #[serde(flatten)]
+    pub errors: VectorErrors,
+    /// Two contacts: the outputs of two test presses added, by the distance of their places.
+    pub two_contacts: Vec<SuperposedPresses>,
+}
 
 /// Evaluates a run, or a table of calibration and a table of test presses.
 pub(super) fn evaluated(
     [calibration, test]: [Option<&Path>; 2],
     mapping: &Mapping,
     note: Note<'_>,
-) -> Result<VectorErrors, Failure> {
+) -> Result<VectorEvaluation, Failure> {
     let Some(calibration) = calibration else {
         return Err(Failure::usage(miette::miette!("--vector needs a run, or two tables")));
     };
@@ -34,9 +45,10 @@ pub(super) fn evaluated(
         }
     };
     let map = fitted(&calibration, note)?;
-    VectorErrors::of(&map, test.vector_rows()).ok_or_else(|| {
+    let errors = VectorErrors::of(&map, test.vector_rows()).ok_or_else(|| {
         Failure::usage(miette::miette!("{}: no test press has three components of the force", test.source))
-    })
+    })?;
+    Ok(VectorEvaluation { errors, two_contacts: SuperposedPresses::of(&map, test.vector_rows()) })
 }
 
 /// Fits a run folder or a table of presses.

@@ -20,9 +20,8 @@ Examples:
 
 The file holds the fitted method. `solve --model` gives the same answers as
 `solve --calibration`, bit for bit, without fitting. Its first two lines are text:
-the source, and the area and the forces that it is valid for. Its size is
-128 MB at most. If the presses don't fit into it, readings with a missing
-output can't be solved.
+the source, and the valid area and forces. It has 128 MB at most. If the presses
+don't fit into it, readings with a missing output can't be solved.
 
 Forces are those of the load cell. `evaluate` of a run uses the set forces, as the
 paper does, so its cross-validation errors differ slightly.";

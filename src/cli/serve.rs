@@ -39,7 +39,7 @@ ends the connection after a line with the problem.
 At most 1000 connections are served at the same time. A further one takes the
 place of the connection that was silent for longest, if for at least a minute.
 Otherwise it gets a line with this reason, and is closed. A client that doesn't read its answers for a minute
-is disconnected. So is one that speaks HTTP, because browsers reach this address.
+is disconnected. So is one that speaks HTTP.
 There is no password: any program that reaches the address can use it.";
 
 /// Answer readings at a TCP port, one session for each connection

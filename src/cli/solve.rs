@@ -27,10 +27,10 @@ relative_force is relative to the typical press of the table. With a calibration
 by depth, depth_mm to half95_depth_mm replace those of the force. If a second method is fitted, load shows
 which one answered: calibrated (it assumes the load of the calibration), or any.
 
-With --vector, an answer also has force_x_n and force_y_n. Where the outputs can't
-show them, the verdict is shear-unknown, and shear_bound_n is their expected
-error. Other verdicts: two-contacts (second_...), two-not-separable, unit-fault,
-or two causes that explain the reading as well.
+Force vectors (--vector, or a sensor file of them) add force_x_n, force_y_n.
+Where the outputs can't show them, the verdict is shear-unknown, and
+shear_bound_n is their expected error. Other verdicts: two-contacts (second_...),
+two-not-separable, unit-fault, or two causes that explain the reading as well.
 
 A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
 solved by the same method fitted without that channel.

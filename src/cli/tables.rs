@@ -2,12 +2,12 @@
 //! see [`palpate_report::report::is_beside_paper`].
 
 use super::text_table::{TextTable, cells};
-use crate::api::{ForcesEvaluated, SolverOutcome};
+use crate::api::{ForcesEvaluated, SolverOutcome, VectorEvaluation};
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise, terms};
 use palpate_data::dataset::doubted_half_widths;
 use palpate_report::errors::{self, Detail};
 use palpate_report::paper;
-use palpate_solver::vector::VectorErrors;
+use palpate_solver::vector::{PairShares, SuperposedPresses, VectorErrors};
 use palpate_solver::{BEST, Choice, ErrorSummary, Evaluation, LoadGain, MethodForceErrors, Tie, TriedMethod, Verdicts};
 use std::fmt::Write as _;
 
@@ -149,7 +149,7 @@ pub(super) fn forces_table(ForcesEvaluated { errors, left_out }: &ForcesEvaluate
 }
 
 /// The errors of places and force vectors, and the shares of the errors within the stated ones.
-pub(super) fn vector_table(errors: &VectorErrors) -> String {
+pub(super) fn vector_table(VectorEvaluation { errors, two_contacts }: &VectorEvaluation) -> String {
     let VectorErrors { presses, unsolved, shear_not_determinable, location_mm, press_n, shear_n, within } = errors;
     let percent = |components: &[usize], level: usize| {
         let shares = components.iter().map(|component| within[*component][level]);
@@ -172,7 +172,22 @@ pub(super) fn vector_table(errors: &VectorErrors) -> String {
         0 => String::new(),
         count => format!("{count} answers: the outputs don't determine the force along x and y\n"),
     };
-    format!("errors of place and force vector on {presses} test presses\n{table}{unstated}{unsolved}")
+    let pairs = if two_contacts.is_empty() { String::new() } else { pairs_table(two_contacts) };
+    format!("errors of place and force vector on {presses} test presses\n{table}{unstated}{unsolved}{pairs}")
+}
+
+/// Answers to two contacts, by their distance.
+fn pairs_table(two_contacts: &[SuperposedPresses]) -> String {
+    let mut table = TextTable::new(1, ["distance from, mm", "pairs", "right", "not separable", "wrong", "one"]);
+    for SuperposedPresses { from_mm, pairs, shares } in two_contacts {
+        let PairShares { right, not_separable, wrong, one } = shares;
+        let [right, not_separable, wrong, one] =
+            [right, not_separable, wrong, one].map(|share| format!("{:.1} %", 100.0 * share));
+        table.row(cells![format!("{from_mm:.0}"), pairs, right, not_separable, wrong, one]);
+    }
+    format!(
+        "\ntwo contacts: the outputs of two test presses added; right means both places\nwithin 1 mm and both forces within 0.1 N\n{table}"
+    )
 }
 
 /// Formats a number, not negative, in at most 6 characters.

@@ -58,6 +58,14 @@ fn a_run_with_drags_gives_places_and_force_vectors() {
         let [in_68, in_95] = [0, 1].map(|level| component[level].as_f64().unwrap());
         assert!((0.60..=0.78).contains(&in_68) && (0.92..=0.985).contains(&in_95), "{errors}");
     }
+    // pairs of test presses, added
+    let pairs = errors["two_contacts"].as_array().unwrap();
+    let far = pairs.last().unwrap();
+    let least = if is_whole { 0.95 } else { 0.8 };
+    assert!(far["from_mm"] == 8.0 && far["right"].as_f64().unwrap() >= least, "{errors}");
+    let sum =
+        |row: &serde_json::Value| ["right", "not_separable", "wrong", "one"].map(|key| row[key].as_f64().unwrap());
+    assert!(pairs.iter().all(|row| (sum(row).iter().sum::<f64>() - 1.0).abs() < 1e-9), "{errors}");
     // the presses alone are solved as on a rig with one axis
     bench.palpate_ends(0, "evaluate run --solver surrogate");
 }

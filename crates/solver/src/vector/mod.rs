@@ -13,6 +13,7 @@ mod model;
 mod session;
 mod solution;
 mod solve;
+mod superposed;
 
 pub use calibration::{VectorCalibration, VectorRow};
 pub(crate) use descent::{ShearPrior, VectorFit};
@@ -25,6 +26,7 @@ pub use session::{VectorFits, VectorSession};
 pub use solution::{VECTOR_NUMBERS, VectorSolution, VectorVerdict};
 pub(crate) use solve::AxisBuffers;
 pub use solve::VectorWorkspace;
+pub use superposed::{PairShares, SuperposedPresses};
 
 use crate::Covariance;
 use palpate_core::quantity::Place;

@@ -5,9 +5,8 @@ use super::{VectorSize, median_us, taxels};
 use crate::methods::specimen::HALF_MM;
 use crate::{OnProgress, StudyError, carried_out};
 use palpate_core::quantity::{Place, RandomStream, round, stream};
-use palpate_solver::two::{ContactCount, Pair, TwoContacts};
-use palpate_solver::vector::{VectorMap, VectorWorkspace};
-use palpate_solver::{FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
+use palpate_solver::two::{Pair, TwoContacts};
+use palpate_solver::vector::{PairShares, VectorMap, VectorWorkspace};
 use rand::RngExt;
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -85,32 +84,17 @@ fn found(
     seed: u64,
 ) -> TwoRow {
     let (mut workspace, mut rng) = (VectorWorkspace::default(), stream(seed, 0, "two contacts"));
-    let (mut right, mut not_separable, mut wrong, mut one) = (0.0, 0.0, 0.0, 0.0);
     let (mut bounds_mm, mut times_s) = (Vec::with_capacity(tests), Vec::with_capacity(tests));
-    for _ in 0..tests {
+    let shares = PairShares::of((0..tests).map(|_| {
         let places = apart(separation_mm, &mut rng);
         let outputs = specimen.read(&places.map(|place| (place, [0.0, 0.0, FORCE_N])), &mut rng);
         let began = Instant::now();
         let answer = two.solve(&outputs, &mut workspace);
         times_s.push(began.elapsed().as_secs_f64());
         bounds_mm.push(Pair::bound(known, places, [FORCE_N; 2]).map_or(f64::INFINITY, |bound| bound.errors_mm[0]));
-        let (Ok(ContactCount::Two(pair)) | Ok(ContactCount::TwoNotSeparable(pair))) = answer else {
-            one += 1.0;
-            continue;
-        };
-        let is_near = |a: usize, b: usize| {
-            let near = |i: usize, j: usize| pair.places[i].distance_mm(places[j]) < LOCATION_REFERENCE_MM;
-            near(a, 0) && near(b, 1)
-        };
-        let is_right = pair.forces_n.iter().all(|n| (n - FORCE_N).abs() < FORCE_REFERENCE_N);
-        match answer {
-            _ if is_right && (is_near(0, 1) || is_near(1, 0)) => right += 1.0,
-            Ok(ContactCount::Two(_)) => wrong += 1.0,
-            _ => not_separable += 1.0,
-        }
-    }
+        (answer, places, [FORCE_N; 2])
+    }));
     bounds_mm.sort_by(f64::total_cmp);
-    let mean = |sum: f64| round(sum / tests as f64, 4);
     TwoRow {
         study: "two-contacts",
         scene: "",
@@ -118,10 +102,10 @@ fn found(
         is_true_map: false,
         places: 0,
         separation_mm,
-        right: mean(right),
-        not_separable: mean(not_separable),
-        wrong: mean(wrong),
-        called_one: mean(one),
+        right: round(shares.right, 4),
+        not_separable: round(shares.not_separable, 4),
+        wrong: round(shares.wrong, 4),
+        called_one: round(shares.one, 4),
         location_bound_mm: round(bounds_mm.get(tests / 2).copied().unwrap_or(f64::NAN), 4),
         us_per_solve: median_us(times_s),
     }
