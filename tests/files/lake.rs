@@ -1,8 +1,11 @@
 //! The lake: read directly by DuckDB, polars and pyarrow, and updated by exports.
 
 use crate::bench;
+use palpate_testing::executions::rig_with_drags;
 use palpate_testing::python::{Python, said};
 use palpate_testing::{TestFolder, shipped};
+use parquet::file::reader::{FileReader as _, SerializedFileReader};
+use parquet::record::RowAccessor as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -89,4 +92,35 @@ fn a_verdict_needs_a_rule_and_an_import_has_none() {
     assert!(bench.has("lake/verdicts") && bench.has("lake/errors"));
     bench.palpate_ends(0, "export imported --lake lake");
     assert!(files(&bench.path("lake/verdicts")).is_empty(), "an earlier verdict by another rule");
+}
+
+const PLACES: &str =
+    "checks = \"none\"\n[[step]]\nphase = \"calibration\"\nlist = { places_mm = [[0.0, 0.0], [2.0, -2.0]] }\n";
+
+#[test]
+fn a_lake_has_the_columns_of_drags_and_depths() {
+    let dragged = format!("name = \"d\"\n{PLACES}force_n = 1.0\ndrag = {{ mm = 0.4, directions_deg = [0, 90] }}\n");
+    let deep = format!("name = \"deep\"\nrig = \"sim\"\n{PLACES}depth_mm = 0.5\n");
+    let bench =
+        TestFolder::with([("axes.toml", &*rig_with_drags()), ("dragged.toml", &*dragged), ("deep.toml", &*deep)]);
+    bench.palpate_ends(0, "run dragged.toml --rig axes.toml --simulate --out dragged");
+    bench.palpate_ends(0, "run deep.toml --out deep");
+    for run in ["dragged", "deep"] {
+        bench.palpate_ends(0, &format!("export {run} --lake lake-{run}"));
+        let file = files(&bench.path(&format!("lake-{run}/presses"))).remove(0);
+        let file = SerializedFileReader::new(fs::File::open(file).unwrap()).unwrap();
+        let columns = file.metadata().file_metadata().schema_descr().columns();
+        let (header, rows) = bench.table(&format!("{run}/presses.csv"));
+        assert!(
+            columns[1..].iter().map(|column| column.name()).eq(&header),
+            "{run}: the run, and the run's own columns"
+        );
+        let of = |name: &str| header.iter().position(|column| column == name);
+        for name in ["force_x_n", "force_y_n", "drag_mm", "depth_mm"] {
+            let Some(column) = of(name) else { continue };
+            let read = file.get_row_iter(None).unwrap().map(|row| row.unwrap().get_double(column + 1).unwrap());
+            assert!(read.eq(rows.iter().map(|row| row[column].parse::<f64>().unwrap())), "{run}: {name}");
+        }
+        assert_eq!(of("drag_mm").is_some(), run == "dragged");
+    }
 }

@@ -1,28 +1,12 @@
 //! A run with drags on a load cell of three axes: `evaluate --vector` solves its places and force vectors.
 
 use crate::serve::Server;
-use palpate_testing::executions::rig_with_three_axes;
-use palpate_testing::{TestFolder, campaign, exchanged};
+use palpate_testing::executions::rig_with_drags as rig;
+use palpate_testing::{TestFolder, campaign};
 
 /// Places along each side of the calibration.
 const SIDE: (usize, usize) = (5, 25);
 const TESTS: (usize, usize) = (20, 500);
-
-/// A rig whose taxels feel the force along the surface, on a specimen on which the tip sticks.
-fn rig() -> String {
-    let rig = rig_with_three_axes();
-    let allowed = "drag = { shear_n = 0.9, slide_mm = 1.0, stiffness_n_mm = 1.2, friction = 1.2 }";
-    let rig = exchanged(&rig, "force_n = 2.0", &format!("{allowed}\nforce_n = 2.0"));
-    let rig = exchanged(
-        &rig,
-        "grid = { rows = 3, columns = 3, pitch_mm = 4.5 }",
-        "grid = { rows = 3, columns = 3, pitch_mm = 4.5 }\nchannels_per_unit = 3",
-    );
-    let rig = exchanged(&rig, "{ modbus = \"labjack-t7\" }", "{ daqmx = \"Dev1/ai0:26\" }");
-    let rig =
-        exchanged(&rig, "elastomer = { depth_mm = 5.0 }", "elastomer = { depth_mm = 5.0 }\ntaxels = { shear = true }");
-    format!("{rig}\n[scene.friction]\nsticking = 1.0\nsliding = 0.9\nstiffness_n_mm = 1.0\n")
-}
 
 fn recipe(side: usize, tests: usize) -> String {
     let spacing = 10.0 / (side - 1) as f64;

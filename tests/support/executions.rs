@@ -1,7 +1,7 @@
 //! Runs in virtual time on a bench, with their true values from the first message until after the end. They are observed at the stage's far
 //! end: only a message to the stage changes a motion, so the time between two messages follows from a copy of the scene.
 
-use super::campaign;
+use super::{campaign, exchanged};
 use palpate_core::quantity::Axis;
 use palpate_data::dataset::Memory;
 use palpate_data::recipe::{self, Plan};
@@ -77,6 +77,22 @@ pub fn rig_with_three_axes() -> String {
     let cell = "[load_cell]\ndriver = { lines = \"ati-netft\" }\nlink = \"sim\"\nconversions_hz = 1000.0\n\
         axes = { x = \"x\", y = \"-y\", press = \"-z\" }\n";
     format!("{before}{cell}{after}")
+}
+
+/// The same with taxels that feel the force along the surface, on a specimen on which the tip sticks, and with drags allowed.
+pub fn rig_with_drags() -> String {
+    let rig = rig_with_three_axes();
+    let allowed = "drag = { shear_n = 0.9, slide_mm = 1.0, stiffness_n_mm = 1.2, friction = 1.2 }";
+    let rig = exchanged(&rig, "force_n = 2.0", &format!("{allowed}\nforce_n = 2.0"));
+    let rig = exchanged(
+        &rig,
+        "grid = { rows = 3, columns = 3, pitch_mm = 4.5 }",
+        "grid = { rows = 3, columns = 3, pitch_mm = 4.5 }\nchannels_per_unit = 3",
+    );
+    let rig = exchanged(&rig, "{ modbus = \"labjack-t7\" }", "{ daqmx = \"Dev1/ai0:26\" }");
+    let rig =
+        exchanged(&rig, "elastomer = { depth_mm = 5.0 }", "elastomer = { depth_mm = 5.0 }\ntaxels = { shear = true }");
+    format!("{rig}\n[scene.friction]\nsticking = 1.0\nsliding = 0.9\nstiffness_n_mm = 1.0\n")
 }
 
 /// The plan of a recipe's text on a rig.

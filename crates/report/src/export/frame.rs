@@ -68,20 +68,24 @@ pub fn all(run: &Recorded, bench: &Bench) -> Vec<ExportTable> {
 
 /// Returns the presses of a run in the order of its plan: the columns of `presses.csv`. A row is one level of one press.
 pub fn presses(run: &Recorded, bench: &Bench) -> ExportTable {
-    presses_of(&run.presses().presses, bench.layout.len(), &bench.unit)
+    presses_with(&run.presses().presses, run.manifest.facts.columns(), bench.layout.len(), &bench.unit)
 }
 
-/// Returns some presses of an array with `channels` outputs in `unit`.
+/// Returns some presses of an array with `channels` outputs in `unit`, with the columns that have values.
 pub fn presses_of(presses: &[Press], channels: usize, unit: &str) -> ExportTable {
     let by_depth = presses.iter().any(|press| press.depth_set_mm.is_some());
     let has_load_cell = !by_depth || presses.iter().any(|press| press.force_n.is_some());
     let three_axes = presses.iter().any(|press| press.force_x_n.is_some());
     let grouped = presses.iter().any(|press| press.group.is_some());
-    let columns =
-        RunColumns { by_depth, has_load_cell, three_axes, grouped }.all().flat_map(|column| match column.name {
-            OUTPUTS => outputs(presses.iter(), channels, unit),
-            name => vec![TableColumn::new(name, column.definition, Values::of(column.kind, presses, column))],
-        });
+    presses_with(presses, RunColumns { by_depth, has_load_cell, three_axes, grouped }, channels, unit)
+}
+
+/// Returns the same with the columns of the run.
+pub(crate) fn presses_with(presses: &[Press], columns: RunColumns, channels: usize, unit: &str) -> ExportTable {
+    let columns = columns.all().flat_map(|column| match column.name {
+        OUTPUTS => outputs(presses.iter(), channels, unit),
+        name => vec![TableColumn::new(name, column.definition, Values::of(column.kind, presses, column))],
+    });
     ExportTable { name: "presses", rows: presses.len(), columns: columns.collect() }
 }
 

@@ -12,7 +12,7 @@ use palpate_core::quantity::hexadecimal;
 use palpate_data::acceptance::{AcceptanceRule, Judgement};
 use palpate_data::dataset::evaluate::Trial;
 use palpate_data::dataset::sensor_file::SensorFileError;
-use palpate_data::dataset::{DatasetError, Evidence, Labels, Manifest, Press, Presses, Recorded};
+use palpate_data::dataset::{DatasetError, Evidence, Labels, Manifest, Press, Presses, Recorded, RunColumns};
 use palpate_data::recipe::Phase;
 use palpate_run::batch::ByDesign;
 use palpate_run::rig::Bench;
@@ -137,7 +137,7 @@ impl Lake {
                 Some(draft) => draft,
                 None => {
                     let bench = bench_of(run, &manifest.facts, texts)?;
-                    draft.insert(PressesDraft::new(self.draft(PRESSES), &bench, &run_id(manifest))?)
+                    draft.insert(PressesDraft::new(self.draft(PRESSES), &bench, manifest)?)
                 }
             };
             presses += contact.levels.len() as u64;
@@ -146,7 +146,7 @@ impl Lake {
         })?;
         let bench = bench_of(run, &recorded.manifest.facts, &recorded.texts)?;
         let id = run_id(&recorded.manifest);
-        let draft = draft.map_or_else(|| PressesDraft::new(self.draft(PRESSES), &bench, &id), Ok)?;
+        let draft = draft.map_or_else(|| PressesDraft::new(self.draft(PRESSES), &bench, &recorded.manifest), Ok)?;
         draft.finish(&recorded)?;
         let mut frames = vec![rows::run(&recorded, &bench, &id, presses)];
         let held = Presses::of_presses(&run.display().to_string(), held);
@@ -242,19 +242,21 @@ struct PressesDraft {
     file: ParquetFile<io::BufWriter<File>>,
     id: String,
     unit: String,
+    columns: RunColumns,
     channels: usize,
     waiting: Vec<Press>,
     most: usize,
 }
 
 impl PressesDraft {
-    fn new(path: PathBuf, bench: &Bench, id: &str) -> Result<PressesDraft, DatasetError> {
+    fn new(path: PathBuf, bench: &Bench, manifest: &Manifest) -> Result<PressesDraft, DatasetError> {
         let (channels, unit) = (bench.layout.len(), bench.unit.clone());
-        let like = rows::of_run(frame::presses_of(&[], channels, &unit), id);
+        let (id, columns) = (run_id(manifest), manifest.facts.columns());
+        let like = rows::of_run(frame::presses_with(&[], columns, channels, &unit), &id);
         let file = new_draft(&path).and_then(|out| ParquetFile::new(out, &like, None));
         let file = file.map_err(DatasetError::io("writing", &path))?;
         let most = (OUTPUTS_MAX / channels.max(1)).max(1);
-        Ok(PressesDraft { path, file, id: id.to_owned(), unit, channels, waiting: Vec::new(), most })
+        Ok(PressesDraft { path, file, id, unit, columns, channels, waiting: Vec::new(), most })
     }
 
     fn add(&mut self, press: Press) -> Result<(), LakeError> {
@@ -266,7 +268,7 @@ impl PressesDraft {
     }
 
     fn pass_on(&mut self) -> Result<(), DatasetError> {
-        let frame = rows::of_run(frame::presses_of(&self.waiting, self.channels, &self.unit), &self.id);
+        let frame = rows::of_run(frame::presses_with(&self.waiting, self.columns, self.channels, &self.unit), &self.id);
         self.waiting.clear();
         self.file.add(frame).map_err(DatasetError::io("writing", &self.path))
     }
