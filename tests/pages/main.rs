@@ -11,3 +11,4 @@ mod sensor;
 mod sensors;
 mod study;
 mod validation;
+mod vectors;

@@ -21,6 +21,7 @@ mod side_by_side;
 mod subject;
 mod table_1;
 mod uncertainty;
+mod vectors;
 mod verdict;
 
 pub use batch::{PageLink, batch_page, batches_page};
@@ -40,6 +41,7 @@ pub fn page(subject: &Subject, judged: &SensorResults) -> Page {
         Some(verdict::section(subject, judged).into()),
         headline::section(subject, judged),
         headline::cross_validated(judged).map(Section::from),
+        vectors::section(subject),
         table_1::section(subject).map(Section::from),
         figures::units(subject),
         figures::distributions(judged),

@@ -57,7 +57,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
             "short, so that the true force does not exceed the set force. A sensor that relaxes loses some more force until the window." }
         p.note { "The true force is known only in a simulated run; negative: it stayed below the set force. Zero drift: forces count from "
             "the readings without load before and after each press, so it is not in them. Time: from one window to the next of the same phase. Flagged "
-            "presses are included." }
+            "presses are included." @if subject.has_drags() { " The time of a press includes its drag." } }
     };
     Some(Section::new("Force control", &before, drawn))
 }
@@ -135,9 +135,9 @@ fn drifts(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
 /// Returns phase, press, and time since the previous window, s. The previous window must be that of the previous press and of the
 /// same phase. Staircases have a rest between them.
 fn times_s(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
-    let of = |contact: &RecordedContact| match contact.levels.as_slice() {
-        [press] => press.phase.zip(press.t_s),
-        _ => None,
+    let of = |contact: &RecordedContact| {
+        let mut levels = contact.levels.iter().filter(|press| !press.is_dragged());
+        levels.next().filter(|_| levels.next().is_none()).and_then(|press| press.phase.zip(press.t_s))
     };
     let pairs = presses(runs).zip(presses(runs).skip(1));
     pairs

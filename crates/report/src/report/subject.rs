@@ -4,9 +4,10 @@ use super::beside_paper::is_beside_paper;
 use super::frame::counted;
 use miette::Diagnostic;
 use palpate_core::quantity::{ArrayLayout, Place};
-use palpate_data::dataset::{DatasetError, Evidence, Labels, Presses, Recorded};
+use palpate_data::dataset::{DatasetError, Evidence, Labels, Press, Presses, Recorded};
 use palpate_data::recipe::Phase;
 use palpate_run::rig::Bench;
+use std::collections::HashSet;
 use std::path::Path;
 use thiserror::Error;
 
@@ -234,6 +235,19 @@ impl Subject {
     /// Whether every run had a load cell.
     pub(super) fn has_load_cell(&self) -> bool {
         self.runs.iter().all(|run| !run.manifest.facts.without_load_cell)
+    }
+
+    /// Whether the tip was dragged in contact.
+    pub(super) fn has_drags(&self) -> bool {
+        self.presses.presses.iter().any(Press::is_dragged)
+    }
+
+    /// Returns the sound presses of the calibration. With drags, a place is pressed once for each of them: the first one is returned.
+    pub(super) fn calibrated(&self) -> Vec<&Press> {
+        let (has_drags, mut known) = (self.has_drags(), HashSet::new());
+        let load = |press: &Press| [press.x_mm, press.y_mm, press.force_set_n.unwrap_or_default()].map(f64::to_bits);
+        let presses = self.presses.sound(Phase::Calibration);
+        presses.filter(|press| !has_drags || known.insert(load(press))).collect()
     }
 
     /// Whether the paper's numbers are shown next to the sensor's numbers, see [`is_beside_paper`].

@@ -6,7 +6,6 @@ use crate::chart::{Anchor, Figure, Grid, Hue, LineStyle, Look, Mark, Shape};
 use crate::report::Subject;
 use crate::report::frame::{PageFigure, counted};
 use palpate_core::quantity::Place;
-use palpate_data::recipe::Phase;
 
 const UNIT: Look = Look { hue: Hue::Blue, shape: Some(Shape::Square), filled: true, line: LineStyle::None };
 const PRESSED: Look = Look { hue: Hue::Grey, shape: Some(Shape::Dot), filled: true, line: LineStyle::None };
@@ -21,7 +20,7 @@ const MOST_PLACES: usize = 2500;
 /// Draws the layout; `None` if the positions of the units are unknown.
 pub(super) fn layout(subject: &Subject) -> Option<PageFigure> {
     let units: Vec<Place> = subject.placed()?.one_per_unit().places().to_vec();
-    let pressed: Vec<Place> = subject.presses.sound(Phase::Calibration).map(|press| press.place()).collect();
+    let pressed: Vec<Place> = subject.calibrated().iter().map(|press| press.place()).collect();
     let one_in = pressed.len().div_ceil(MOST_PLACES).max(1);
     let all = || units.iter().chain(&pressed).copied();
     let corner = |of: fn(f64, f64) -> f64| all().reduce(|a, b| Place::new(of(a.x_mm, b.x_mm), of(a.y_mm, b.y_mm)));

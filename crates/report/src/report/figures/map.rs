@@ -7,7 +7,6 @@ use crate::report::Subject;
 use crate::report::frame::{PageFigure, counted};
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::Press;
-use palpate_data::recipe::Phase;
 use std::ops::Range;
 
 /// Largest number of presses that are drawn for each unit. If there are more, every nth press is drawn.
@@ -27,7 +26,7 @@ pub(super) fn matrices(subject: &Subject) -> Vec<PageFigure> {
 /// Draws the maps of a channel, or of the only one.
 fn matrix(subject: &Subject, units: &[Range<usize>], channel: Option<usize>) -> Option<PageFigure> {
     let (least, most) = subject.area()?;
-    let presses: Vec<_> = subject.presses.sound(Phase::Calibration).collect();
+    let presses = subject.calibrated();
     let drawn: Vec<_> = presses.iter().step_by(presses.len().div_ceil(MOST_PRESSES).max(1)).collect();
     let places: Vec<Place> = drawn.iter().map(|row| row.place()).collect();
     let most_units = MOST_CELLS / (drawn.len() * subject.presses.channels / units.len().max(1)).max(1);
@@ -50,9 +49,10 @@ fn matrix(subject: &Subject, units: &[Range<usize>], channel: Option<usize>) -> 
     };
     let arrangement = arranged(subject, units);
     let (grid, panel_px) = arrangement.grid(PANEL_PX);
+    let each = if subject.has_drags() { ", one at each place" } else { "" };
     let figure = Figure {
         title: load.title(channel),
-        subtitle: format!("{}; one scale for all", load.text(presses.len())),
+        subtitle: format!("{}{each}; one scale for all", load.text(presses.len())),
         height_px: axes.height_px(panel_px),
         panels: arrangement.panels(panel),
         grid: Some(grid),
