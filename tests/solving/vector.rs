@@ -79,15 +79,21 @@ fn place_and_force_vector_are_near_their_bound() {
             println!("{name}, {} places: {found:.4?}", side * side);
             let share = |a: &Means, b: &Means| a.iter().zip(b).map(|(a, b)| a / b).fold(0.0, f64::max);
             assert!((share(&found.bounds, &bounds) - 1.0).abs() < 0.15, "{name}: the bounds are {:?}", found.bounds);
+            let slack = if campaign::is_quick() { 1.1 } else { 1.0 };
+            // with few places the stated errors are too small, first that of the press: see the decision about force vectors
+            let components = match side {
+                13.. => 5,
+                9.. => 4,
+                _ => 0,
+            };
+            let is_within = |shares: [f64; 5], low: f64, high: f64| {
+                shares[..components].iter().all(|s| (low / slack..=high * slack).contains(s))
+            };
+            let [of_68, of_95] = found.within;
+            assert!(is_within(of_68, 0.60, 0.78), "{name}, {side}: {of_68:?}");
+            assert!(is_within(of_95, 0.92, 0.985), "{name}, {side}: {of_95:?}");
             if side >= 13 {
-                let slack = if campaign::is_quick() { 1.1 } else { 1.0 };
                 assert!(share(&found.errors, &most) <= slack, "{name}: {:?}, at most {most:?}", found.errors);
-                let [of_68, of_95] = found.within;
-                let is_within = |shares: [f64; 5], low: f64, high: f64| {
-                    shares.iter().all(|s| (low / slack..=high * slack).contains(s))
-                };
-                assert!(is_within(of_68, 0.60, 0.78), "{name}: {of_68:?}");
-                assert!(is_within(of_95, 0.92, 0.985), "{name}: {of_95:?}");
                 assert!(found.not_determinable < 0.03 * slack * slack, "{name}: {}", found.not_determinable);
             }
         }

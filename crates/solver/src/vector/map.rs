@@ -50,8 +50,9 @@ impl AxisMap {
 
 /// Least number of places of a map.
 const FEWEST_PLACES: usize = 6;
-/// Number of cells along each side of the table with the map's own error.
-const ERROR_CELLS: f64 = 12.0;
+/// Number of cells along each side of the table with the map's own error: some for each step from one place to the next, because the
+/// error grows between places.
+const ERROR_CELLS: f64 = 24.0;
 /// Least and largest force of the single contacts from which limits follow, N.
 const FORCES_N: [f64; 2] = [0.1, 2.0];
 /// Fraction of single contacts that may be called something else.
@@ -206,7 +207,9 @@ impl SmoothedAxis {
         let sample = |places: &[Place]| kriging.predict_all(&coordinates(places.iter().copied()));
         let field = SplineField::new(area, kriging.grain() / CELLS_A_GRAIN, outputs, sample);
         let per_noise = |leverage: Vec<f64>| -> Vec<f64> { leverage.iter().map(|l| l.max(0.0) / typical).collect() };
-        let error = |places: &[Place]| per_noise(kriging.leverage(&coordinates(places.iter().copied())));
+        // beyond the border the error grows so fast that the table would swing below 0 inside
+        let inside = |places: &[Place]| coordinates(places.iter().map(|place| area.clamp(*place)));
+        let error = |places: &[Place]| per_noise(kriging.leverage(&inside(places)));
         let error = Some(SplineField::new(area, area.side_mm() / ERROR_CELLS, outputs, error));
         let held = kriging.held_out();
         let predicted = values.iter().zip(&held.residuals).map(|(value, residual)| value - residual).collect();

@@ -1,5 +1,8 @@
 use super::*;
 use palpate_core::mechanics::traction;
+use palpate_core::quantity::stream;
+use rand::distr::Distribution;
+use rand_distr::StandardNormal;
 
 /// Outputs per newton along x, y and into the specimen: nine taxels of three axes, 5 mm deep.
 fn columns(place: Place) -> Vec<f64> {
@@ -74,20 +77,45 @@ fn the_force_scales_with_the_reading_and_the_place_stays() {
     }
 }
 
-#[test]
-fn a_map_from_presses_and_drags_is_the_true_one() {
+/// The map of presses and drags at 81 places.
+fn fitted(noise_sd: f64) -> VectorMap {
+    let mut rng = stream(1, 0, "noise of the presses");
     let at = |i: usize| -6.0 + 1.5 * i as f64;
     let mut presses = Vec::new();
     for place in (0..81).map(|i| Place::new(at(i % 9), at(i / 9))) {
         for force_n in [[0.0, 0.0, 1.0], [0.5, 0.0, 1.0], [0.0, 0.5, 1.1], [-0.4, -0.4, 0.9]] {
-            presses.push((place, force_n, read(place, force_n)));
+            let mut noise =
+                |sd: f64| -> f64 { sd * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut rng) };
+            let outputs: Vec<f64> = read(place, force_n).iter().map(|output| output + noise(noise_sd)).collect();
+            presses.push((place, force_n, outputs));
         }
     }
     let rows: Vec<VectorRow<'_>> = presses
         .iter()
         .map(|(place, force_n, outputs)| VectorRow { place: *place, force_n: *force_n, outputs })
         .collect();
-    let map = VectorMap::fit(&VectorCalibration::new(&rows).unwrap()).unwrap();
+    VectorMap::fit(&VectorCalibration::new(&rows).unwrap()).unwrap()
+}
+
+/// Between the last two lines of places the map is at least as uncertain as in the middle.
+#[test]
+fn the_error_of_the_map_does_not_vanish_near_the_border() {
+    let map = fitted(1e-3);
+    let error = |x_mm: f64, y_mm: f64| {
+        let mut error = vec![0.0; 27];
+        map.axes[PRESS].as_ref().unwrap().error(Place::new(x_mm, y_mm), &mut error);
+        error.iter().sum::<f64>()
+    };
+    for along in (0..25).map(|i| -6.0 + 0.5 * f64::from(i)) {
+        for near in [error(along, 5.25), error(-5.25, along)] {
+            assert!(near > 0.9 * error(0.75, 0.75), "{along}: {near} {}", error(0.75, 0.75));
+        }
+    }
+}
+
+#[test]
+fn a_map_from_presses_and_drags_is_the_true_one() {
+    let map = fitted(0.0);
     assert!(map.knows_shear());
     for (place, force_n) in CONTACTS {
         let contact = solve(&map, &read(place, force_n));
