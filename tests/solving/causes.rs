@@ -106,3 +106,29 @@ fn each_cause_is_named_where_the_outputs_show_it() {
         }
     }
 }
+
+/// Each cause may flag half of the accepted share, so that all together flag about the share.
+#[test]
+fn single_contacts_are_flagged_at_the_accepted_rate() {
+    let (tests, layout) = (campaign::size(400, 4000), ArrayLayout::grid(3, 3, 4.5));
+    let mut scene = VectorScene::t(1);
+    let map = VectorMap::fit(&scene.calibration(9, false, 1)).expect("a map");
+    let mut flagged = |share: f64| {
+        let map = map.clone().with_false_alarms(share);
+        let (causes, mut workspace) = (Causes::new(&map, &layout), VectorWorkspace::default());
+        let mut rng = stream(7, 0, "false alarms");
+        let mut is_flagged = || {
+            let outputs = scene.read(&drawn(0, &mut rng).0, &mut rng);
+            let explained = causes.explain(&outputs, &mut workspace).expect("a contact");
+            let is_misfit = map.solve(&outputs, &mut workspace).expect("a contact").misfit > 1.0;
+            [explained != Explanation::OneContact, is_misfit]
+        };
+        let all: Vec<[bool; 2]> = (0..tests).map(|_| is_flagged()).collect();
+        [0, 1].map(|by| all.iter().filter(|flagged| flagged[by]).count() as f64 / tests as f64)
+    };
+    for share in [0.05, 0.01].into_iter().take(campaign::size(1, 2)) {
+        let found = flagged(share);
+        println!("flagged by a cause, and by the misfit: {found:.4?} at {share}");
+        assert!(found.iter().all(|found| (0.4 * share..2.0 * share).contains(found)), "{found:?} at {share}");
+    }
+}

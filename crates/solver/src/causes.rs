@@ -102,12 +102,13 @@ impl Causes {
         let two = TwoContacts::new(map.clone());
         let singles = map.single_contacts(SINGLE_CONTACTS);
         let limits = GainLimits { two: two.gain_most, shear: f64::INFINITY, broken: f64::INFINITY };
+        let share = map.false_alarms;
         let mut causes = Causes { map, two, units, limits };
         let tried: Vec<Option<Vec<Candidate>>> =
             in_parallel(&singles, |outputs| causes.candidates(outputs, &mut VectorWorkspace::default()).ok());
         let most = |is_it: fn(&MisfitCause) -> bool| {
             let all = tried.iter().flatten().flatten().filter(|candidate| is_it(&candidate.cause));
-            limit(all.map(|candidate| candidate.gain).collect())
+            limit(all.map(|candidate| candidate.gain).collect(), share)
         };
         causes.limits.shear = most(|cause| *cause == MisfitCause::Shear);
         causes.limits.broken = most(|cause| matches!(cause, MisfitCause::BrokenUnit(_)));

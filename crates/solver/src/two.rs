@@ -7,7 +7,7 @@ use crate::SolveError;
 use crate::evaluation::{FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
 use crate::normal::{NormalEquations, inverse};
 use crate::threshold::upper;
-use crate::vector::{AxisBuffers, FALSE_ALARMS, PRESS, ShearPrior, VectorFit, VectorMap, VectorWorkspace};
+use crate::vector::{AxisBuffers, PRESS, ShearPrior, VectorFit, VectorMap, VectorWorkspace};
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::Place;
 use statrs::distribution::{ContinuousCDF, Gamma};
@@ -77,7 +77,7 @@ impl TwoContacts {
         let mut two = TwoContacts::limited(map.into(), f64::INFINITY);
         let gain = |outputs: &Vec<f64>| Some(two.gain(outputs, &mut VectorWorkspace::default())?.2);
         let gains = in_parallel(&two.map.single_contacts(SINGLE_CONTACTS), gain);
-        two.gain_most = limit(gains.into_iter().flatten().collect());
+        two.gain_most = limit(gains.into_iter().flatten().collect(), two.map.false_alarms);
         two
     }
 
@@ -283,8 +283,8 @@ fn normal(forces_n: [f64; 2], outputs: &[f64], w: &VectorWorkspace) -> (NormalEq
 
 /// Returns the limit that the gains of single contacts exceed at the false-alarm rate. Mean and variance of the gains give a gamma
 /// distribution; if the gains themselves exceed its limit more often, their own limit counts.
-pub(crate) fn limit(gains: Vec<f64>) -> f64 {
-    let share = OF_FALSE_ALARMS * FALSE_ALARMS;
+pub(crate) fn limit(gains: Vec<f64>, false_alarms: f64) -> f64 {
+    let share = OF_FALSE_ALARMS * false_alarms;
     let count = gains.len().max(1) as f64;
     let mean = gains.iter().sum::<f64>() / count;
     let variance = gains.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>() / count;

@@ -26,6 +26,9 @@ pub struct VectorMap {
     /// deviation. Empty if the map is exact.
     held: Vec<Vec<f64>>,
     pub(crate) coarse: super::solve::Coarse,
+    /// Share of single contacts that may be called something else.
+    pub(crate) false_alarms: f64,
+    /// Sums of squares that they exceed at this rate, without and with a shear.
     pub(super) misfit_most: [f64; 2],
 }
 
@@ -55,8 +58,8 @@ const FEWEST_PLACES: usize = 6;
 const ERROR_CELLS: f64 = 24.0;
 /// Least and largest force of the single contacts from which limits follow, N.
 const FORCES_N: [f64; 2] = [0.1, 2.0];
-/// Fraction of single contacts that may be called something else.
-pub(crate) const FALSE_ALARMS: f64 = 0.01;
+/// Usual share of single contacts that may be called something else.
+const FALSE_ALARMS: f64 = 0.01;
 
 impl VectorMap {
     /// Smooths each axis over the places at which the presses determine it, by kriging with the most likely correlation and noise.
@@ -98,10 +101,17 @@ impl VectorMap {
     }
 
     fn with(axes: [Option<AxisMap>; 3], noise: Noise, area: CalibratedArea, outputs: usize) -> Self {
-        let sheared = 3 + axes[..PRESS].iter().flatten().count();
-        let limit = |unknowns: usize| chi2_quantile(outputs.saturating_sub(unknowns), FALSE_ALARMS);
         let coarse = super::solve::Coarse::of(&axes, &noise, area, outputs);
-        VectorMap { misfit_most: [limit(3), limit(sheared)], axes, noise, area, outputs, held: Vec::new(), coarse }
+        let (false_alarms, misfit_most) = (FALSE_ALARMS, [f64::INFINITY; 2]);
+        VectorMap { axes, noise, area, outputs, held: Vec::new(), coarse, false_alarms, misfit_most }
+            .with_false_alarms(FALSE_ALARMS)
+    }
+
+    /// Returns the same map with another share of single contacts that each limit may call something else. It is 1 % by default.
+    pub fn with_false_alarms(self, share: f64) -> Self {
+        let sheared = 3 + self.axes[..PRESS].iter().flatten().count();
+        let limit = |unknowns: usize| chi2_quantile(self.outputs.saturating_sub(unknowns), share);
+        VectorMap { false_alarms: share, misfit_most: [limit(3), limit(sheared)], ..self }
     }
 
     /// Returns readings of single contacts without shear at random places, from which limits follow. Each has the errors of one of
@@ -144,19 +154,25 @@ impl VectorMap {
         });
         let [additive, proportional] = self.noise.parts().map(|part| select(&part));
         let held = self.held.iter().map(|row| select(row)).collect();
-        VectorMap { held, ..Self::with(axes, Noise::of_parts(additive, proportional), self.area, kept.len()) }
+        let noise = Noise::of_parts(additive, proportional);
+        VectorMap { held, ..Self::with(axes, noise, self.area, kept.len()).with_false_alarms(self.false_alarms) }
     }
 
     /// Whether a reading can't be distinguished from one without contact.
     pub(crate) fn is_weak(&self, outputs: &[f64]) -> bool {
         let squares =
             outputs.iter().enumerate().map(|(output, value)| value * value / self.noise.variance(output, 0.0));
-        squares.sum::<f64>() < chi2_quantile(self.outputs, FALSE_ALARMS)
+        squares.sum::<f64>() < chi2_quantile(self.outputs, self.false_alarms)
     }
 
     /// Whether a contact lies beyond the calibrated area, with the accepted false alarms.
     pub(crate) fn is_outside(&self, contact: &VectorContact) -> bool {
-        contact.beyond > chi2_quantile(1, 2.0 * FALSE_ALARMS)
+        contact.beyond > chi2_quantile(1, 2.0 * self.false_alarms)
+    }
+
+    /// Accepted fraction of single contacts with a wrong verdict.
+    pub fn false_alarms(&self) -> f64 {
+        self.false_alarms
     }
 
     /// Number of outputs of a reading.

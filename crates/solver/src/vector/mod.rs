@@ -19,7 +19,6 @@ pub use calibration::{VectorCalibration, VectorRow};
 pub(crate) use descent::{ShearPrior, VectorFit};
 pub use dragged::DraggedRow;
 pub use evaluation::VectorErrors;
-pub(crate) use map::FALSE_ALARMS;
 pub use map::VectorMap;
 pub use model::{VECTOR_METHOD, VectorModel};
 pub use session::{VectorFits, VectorSession};
