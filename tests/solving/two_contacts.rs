@@ -103,6 +103,6 @@ fn two_contacts_are_separated_as_far_as_the_outputs_show_them() {
         };
         let (all, strong) = (ones(0.1..=2.0), ones(2.0..=2.0));
         println!("{channels} outputs, one contact is called one: {all:.4}, at 2 N {strong:.4}");
-        assert!(all >= if is_quick { 0.95 } else { 0.99 }, "{all}");
+        assert!(all.min(strong) >= if is_quick { 0.95 } else { 0.99 }, "{all} {strong}");
     }
 }

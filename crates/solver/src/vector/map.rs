@@ -56,8 +56,9 @@ const FEWEST_PLACES: usize = 6;
 /// Number of cells along each side of the table with the map's own error: some for each step from one place to the next, because the
 /// error grows between places.
 const ERROR_CELLS: f64 = 24.0;
-/// Least and largest force of the single contacts from which limits follow, N.
-const FORCES_N: [f64; 2] = [0.1, 2.0];
+/// Force of the single contacts from which limits follow, N: the largest expected one. The map's error grows with the force, and noise
+/// doesn't, so weaker contacts exceed the limits less often.
+const MOST_FORCE_N: f64 = 2.0;
 /// Usual share of single contacts that may be called something else.
 const FALSE_ALARMS: f64 = 0.01;
 
@@ -122,10 +123,10 @@ impl VectorMap {
         let mut column = [vec![0.0; self.outputs], vec![0.0; self.outputs]];
         let mut reading = |nth: usize| {
             let CalibratedArea { least, most } = self.area;
-            let [x, y, force]: [f64; 3] = std::array::from_fn(|_| rng.random());
+            let [x, y]: [f64; 2] = std::array::from_fn(|_| rng.random());
             let along = |least: f64, most: f64, share: f64| least + share * (most - least);
             let place = Place::new(along(least.x_mm, most.x_mm, x), along(least.y_mm, most.y_mm, y));
-            let force_n = along(FORCES_N[0], FORCES_N[1], force);
+            let force_n = MOST_FORCE_N;
             press.field.value(place, &mut column[0]);
             press.error(place, &mut column[1]);
             let of_output = |output: usize| {
