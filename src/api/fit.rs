@@ -40,7 +40,7 @@ pub struct Sensor {
 pub fn fit(calibration: &Path, options: &MethodOptions, note: Note<'_>) -> Result<Sensor, Failure> {
     options.check()?;
     if options.vector {
-        return vectors::fit(calibration, &options.mapping()?, note);
+        return vectors::fit(calibration, options, note);
     }
     let source = FitSource::read(calibration, options, note)?;
     let model = options.fit(&source)?;

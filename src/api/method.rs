@@ -57,7 +57,7 @@ pub struct MethodOptions {
     #[arg(long, num_args = 2, value_names = ["MIN", "MAX"], value_parser = force, conflicts_with = "constant_load")]
     pub forces_n: Vec<f64>,
     /// Solve force vectors or two contacts, from presses and drags
-    #[arg(long, conflicts_with_all = ["solver", "constant_load", "quantity", "common_offset", "false_alarms", "forces_n"])]
+    #[arg(long, conflicts_with_all = ["solver", "constant_load", "quantity", "common_offset", "forces_n"])]
     pub vector: bool,
     /// Meaning of the columns of tables.
     #[command(flatten)]

@@ -1,7 +1,7 @@
 //! Place and force vector from presses and drags: `--vector` of `evaluate`, `fit` and `solve`.
 
 use super::recorded::{read_presses, read_run};
-use super::{Failure, Note, Sensor, stdin};
+use super::{Failure, MethodOptions, Note, Sensor, stdin};
 use palpate_data::dataset::sensor_file::SensorModel;
 use palpate_data::dataset::{Mapping, Presses};
 use palpate_data::recipe::Phase;
@@ -52,17 +52,18 @@ pub(super) fn evaluated(
 }
 
 /// Fits a run folder or a table of presses.
-pub(super) fn fit(calibration: &Path, mapping: &Mapping, note: Note<'_>) -> Result<Sensor, Failure> {
+pub(super) fn fit(calibration: &Path, options: &MethodOptions, note: Note<'_>) -> Result<Sensor, Failure> {
+    let mapping = options.mapping()?;
     let (presses, layout, sensor) = if calibration.is_dir() {
         let (recorded, bench) = read_run(calibration, note)?;
         let sensor = recorded.manifest.facts.labels.sensor.clone();
         (recorded.presses().of_phase(Phase::Calibration), Some(bench.layout), sensor)
     } else {
-        let presses = read_presses(calibration, mapping, Some(Phase::Calibration), note)?;
+        let presses = read_presses(calibration, &mapping, Some(Phase::Calibration), note)?;
         let layout = mapping.layout_of(presses.channels);
         (presses, layout, None)
     };
-    let map = fitted(&presses, note)?;
+    let map = fitted(&presses, note)?.with_false_alarms(options.false_alarms);
     let model = SensorModel::Vector(Box::new(VectorModel::new(map, &presses.dragged_rows(), layout)));
     Ok(Sensor { model, sensor, made_from: vec![stdin::fingerprint(calibration).map_err(Failure::dataset)?] })
 }

@@ -115,11 +115,11 @@ fn single_contacts_are_flagged_at_the_accepted_rate() {
     let map = VectorMap::fit(&scene.calibration(9, false, 1)).expect("a map");
     let mut flagged = |share: f64| {
         let map = map.clone().with_false_alarms(share);
-        let (causes, mut workspace) = (Causes::new(&map, &layout), VectorWorkspace::default());
+        let (causes, mut workspace) = (Causes::new(map.clone(), &layout), VectorWorkspace::default());
         let mut rng = stream(7, 0, "false alarms");
         let mut is_flagged = || {
             let outputs = scene.read(&drawn(0, &mut rng).0, &mut rng);
-            let explained = causes.explain(&outputs, &mut workspace).expect("a contact");
+            let explained = explain(&causes.candidates(&outputs, &mut workspace).expect("a contact"));
             let is_misfit = map.solve(&outputs, &mut workspace).expect("a contact").misfit > 1.0;
             [explained != Explanation::OneContact, is_misfit]
         };

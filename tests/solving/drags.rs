@@ -150,6 +150,10 @@ fn a_sensor_file_gives_the_same_answers(bench: &TestFolder, readings: &[Vec<f64>
     assert!(without_line.eq(answers.iter().cloned()), "{served}");
     let kept = bench.palpate_reads("solve --model s.palpate --keep-going", &format!("1,2\n{}", line(&readings[0])));
     assert!(kept.out.starts_with("line,id,t_s,x_mm,") && kept.out.contains("\n1,,,,"), "{}", kept.out);
+    bench.palpate_ends(0, "fit run --vector --false-alarms 0.2 --out often.palpate");
+    let often = bench.palpate_reads("solve --model often.palpate --json", &text).json_lines();
+    let ok = |answers: &[serde_json::Value]| answers.iter().filter(|answer| answer["verdict"] == "ok").count();
+    assert!(ok(&often) < ok(answers), "more contacts are doubted");
     for refused in ["export --model s.palpate --format c", "adapt --from s.palpate --with run --out b.palpate"]
         .map(|words| bench.palpate_ends(2, words))
     {

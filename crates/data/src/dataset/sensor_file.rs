@@ -264,7 +264,7 @@ impl SensorFile {
             sha256,
         };
         let card = match &model {
-            SensorModel::Vector(_) => card,
+            SensorModel::Vector(model) => Card { false_alarms: model.map().false_alarms(), ..card },
             SensorModel::Contact(model) => Card {
                 method_at_calibrated_load: model.fitted().at_calibrated_load().map(str::to_owned),
                 left_out: model.fitted().broken().iter().map(left_out).collect(),
