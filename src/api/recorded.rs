@@ -102,9 +102,11 @@ fn other_units(presses: &Presses) -> Vec<String> {
         format!("{axis} spans {span_mm:.0} mm: if places are in um, set x_mm = 0.001 in [scale] of a columns file")
     });
     let most_n = ends(|press| press.force_n.unwrap_or_default().abs()).1;
+    let has_vector = presses.presses.iter().any(|press| press.force_x_n.is_some());
+    let sideways = if has_vector { " and force_x_n = 0.001" } else { "" };
     let strong = (most_n > FORCE_MOST_N).then(|| {
         format!(
-            "forces are up to {most_n:.0} N: if they are in mN, set force_n = 0.001 in [scale] of a columns file; if in g, 0.00980665"
+            "forces are up to {most_n:.0} N: if they are in mN, set force_n = 0.001{sideways} in [scale] of a columns file; if in g, 0.00980665"
         )
     });
     wide.into_iter().chain(strong).collect()

@@ -25,6 +25,7 @@ pub(super) fn evaluated(
     mapping: &Mapping,
     note: Note<'_>,
 ) -> Result<VectorEvaluation, Failure> {
+    let mapping = &mapping.clone().with_force_vector();
     let Some(calibration) = calibration else {
         return Err(Failure::usage(miette::miette!("--vector needs a run, or two tables")));
     };
@@ -53,13 +54,15 @@ pub(super) fn evaluated(
 
 /// Fits a run folder or a table of presses.
 pub(super) fn fit(calibration: &Path, options: &MethodOptions, note: Note<'_>) -> Result<Sensor, Failure> {
-    let mapping = options.mapping()?;
+    let mapping = options.mapping()?.with_force_vector();
     let (presses, layout, sensor) = if calibration.is_dir() {
         let (recorded, bench) = read_run(calibration, note)?;
         let sensor = recorded.manifest.facts.labels.sensor.clone();
         (recorded.presses().of_phase(Phase::Calibration), Some(bench.layout), sensor)
     } else {
-        let presses = read_presses(calibration, &mapping, Some(Phase::Calibration), note)?;
+        let all = read_presses(calibration, &mapping, None, note)?;
+        let of_calibration = all.of_phase(Phase::Calibration); // with those after a drag
+        let presses = if of_calibration.presses.is_empty() { all } else { of_calibration };
         let layout = mapping.layout_of(presses.channels);
         (presses, layout, None)
     };
@@ -80,14 +83,16 @@ fn fitted(calibration: &Presses, note: Note<'_>) -> Result<VectorMap, Failure> {
     let map = VectorMap::fit_dragged(&rows).map_err(|error| {
         let help = match error {
             VectorError::TooFewPlaces { .. } => "press more places, over the whole area",
+            VectorError::TooFewOutputs { .. } => "fit it without --vector",
+            VectorError::Pulls => "set force_n = -1 in [scale] of a columns file",
             _ => "record presses and drags with a load cell with three axes: `drag` of a step of the recipe",
         };
         Failure::usage(miette::miette!(help = help, "{}: {error}", calibration.source))
     })?;
     if !map.knows_shear() {
         note(
-            "note: no drags show the effect of a force along x and along y: only the press is solved, and its stated errors are those \
-             without a force along the surface",
+            "note: no place has a press and drags along x and along y (a drag counts at the place where it began): only the press is solved, \
+             and its stated errors are those without a force along the surface",
         );
     }
     Ok(map)

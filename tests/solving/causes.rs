@@ -6,11 +6,14 @@ use palpate_core::quantity::{ArrayLayout, Place, RandomStream, stream};
 use palpate_solver::causes::{Candidate, Causes, Explanation, MisfitCause, explain};
 use palpate_solver::vector::{VectorMap, VectorWorkspace};
 use palpate_testing::campaign;
-use palpate_testing::vectors::VectorScene;
+use palpate_testing::vectors::{HALF_MM, VectorScene};
 use rand::RngExt;
 use std::f64::consts::TAU;
 
-const CAUSES: [&str; 4] = ["one contact", "shear", "two contacts", "broken unit"];
+const CAUSES: [&str; 5] = ["one contact", "shear", "two contacts", "broken unit", "outside area"];
+/// Positions of the verdicts without a true cause.
+const EITHER: usize = CAUSES.len();
+const WRONG_UNIT: usize = EITHER + 1;
 /// Lead of the true cause over the others, without noise, from which the outputs show it: twice what another explanation may lack.
 const SHOWN: f64 = 12.0;
 
@@ -25,6 +28,12 @@ fn drawn(cause: usize, rng: &mut RandomStream) -> (Vec<(Place, [f64; 3])>, Optio
         1 => (vec![(first, [shear_n * cos, shear_n * sin, force_n])], None),
         2 => ([first, second].map(|place| (place, [0.0, 0.0, force_n])).to_vec(), None),
         3 => (vec![(first, [0.0, 0.0, force_n])], Some(dead)),
+        4 => {
+            let side_mm = HALF_MM + rng.random_range(0.5..=1.5);
+            let along = [side_mm.copysign(cos), first.y_mm];
+            let place = if rng.random() { Place::new(along[0], along[1]) } else { Place::new(along[1], along[0]) };
+            (vec![(place, [0.0, 0.0, force_n])], None)
+        }
         _ => (vec![(first, [0.0, 0.0, force_n])], None),
     }
 }
@@ -38,9 +47,10 @@ fn index(cause: MisfitCause, dead: Option<usize>) -> usize {
             if dead.is_none_or(|dead| dead == unit) {
                 3
             } else {
-                5
+                WRONG_UNIT
             }
         }
+        MisfitCause::Outside => 4,
     }
 }
 
@@ -69,11 +79,11 @@ fn each_cause_is_named_where_the_outputs_show_it() {
         let causes = Causes::new(map, &layout);
         let mut workspace = VectorWorkspace::default();
         println!(
-            "{name}: named one contact, shear, two, broken, either, wrong unit; shown, and of these right, either"
+            "{name}: named one contact, shear, two, broken, outside, either, wrong unit; shown, and of these right, either"
         );
         for (cause, text) in CAUSES.into_iter().enumerate() {
             let mut rng = stream(6, cause as u64, "causes");
-            let (mut named, mut shown, mut right, mut either) = ([0.0; 6], 0.0, 0.0, 0.0);
+            let (mut named, mut shown, mut right, mut either) = ([0.0; WRONG_UNIT + 1], 0.0, 0.0, 0.0);
             for _ in 0..tests {
                 let (loads, dead) = drawn(cause, &mut rng);
                 let silence = |outputs: &mut Vec<f64>| {
@@ -88,14 +98,14 @@ fn each_cause_is_named_where_the_outputs_show_it() {
                 let verdict = match explain(&candidates) {
                     Explanation::OneContact => 0,
                     Explanation::Is(cause) => index(cause, dead),
-                    Explanation::Either(..) => 4,
+                    Explanation::Either(..) => EITHER,
                 };
                 named[verdict] += 1.0 / tests as f64;
                 let of_exact = causes.candidates(&exact, &mut workspace).expect("a contact");
                 if cause > 0 && lead(&of_exact, cause, dead) > SHOWN {
                     shown += 1.0;
                     right += f64::from(u8::from(verdict == cause));
-                    either += f64::from(u8::from(verdict == 4));
+                    either += f64::from(u8::from(verdict == EITHER));
                 }
             }
             let (right, either) = (right / f64::max(shown, 1.0), either / f64::max(shown, 1.0));

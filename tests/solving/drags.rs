@@ -150,6 +150,17 @@ fn a_sensor_file_gives_the_same_answers(bench: &TestFolder, readings: &[Vec<f64>
     assert!(without_line.eq(answers.iter().cloned()), "{served}");
     let kept = bench.palpate_reads("solve --model s.palpate --keep-going", &format!("1,2\n{}", line(&readings[0])));
     assert!(kept.out.starts_with("line,id,t_s,x_mm,") && kept.out.contains("\n1,,,,"), "{}", kept.out);
+    // the run's own table gives the same model, and a changed second line is noticed
+    bench.palpate_ends(0, "fit run/presses.csv --vector --out t.palpate");
+    let [run, table] = ["s.palpate", "t.palpate"].map(|file| std::fs::read(bench.path(file)).unwrap());
+    let card = |bytes: &[u8]| {
+        serde_json::from_slice::<serde_json::Value>(bytes.split(|byte| *byte == b'\n').nth(1).unwrap()).unwrap()
+    };
+    assert_eq!(card(&run)["valid"]["presses"], card(&table)["valid"]["presses"]);
+    let at = run.windows(14).position(|bytes| bytes == b"\"force-vector\"").unwrap();
+    std::fs::write(bench.path("changed.palpate"), [&run[..at], b"\"force-vecuor\"", &run[at + 14..]].concat()).unwrap();
+    let changed = bench.palpate_ends(2, "solve --model changed.palpate");
+    assert!(changed.err.contains("changed.palpate is damaged"), "{}", changed.err);
     bench.palpate_ends(0, "fit run --vector --false-alarms 0.2 --out often.palpate");
     let often = bench.palpate_reads("solve --model often.palpate --json", &text).json_lines();
     let ok = |answers: &[serde_json::Value]| answers.iter().filter(|answer| answer["verdict"] == "ok").count();

@@ -21,6 +21,8 @@ pub enum MisfitCause {
     TwoContacts,
     /// One contact, and a unit, counted from 0, that doesn't read it.
     BrokenUnit(usize),
+    /// One contact beyond the calibrated area.
+    Outside,
 }
 
 /// One of several explanations of a reading.
@@ -124,8 +126,8 @@ impl Causes {
         &self.map
     }
 
-    /// Returns all explanations of a reading. Of the units, only the one whose absence explains most is a candidate. A shear is one if
-    /// the calibration shows its effect.
+    /// Returns all explanations of a reading. Of the units, only the one whose absence explains most is a candidate, if the rest then
+    /// fits. A shear is one if the calibration shows its effect.
     ///
     /// # Errors
     /// The reading has another number of outputs, a number isn't finite, or no press explains any of it.
@@ -140,7 +142,7 @@ impl Causes {
         w: &mut VectorWorkspace,
     ) -> Result<(Vec<Candidate>, Option<Pair>), SolveError> {
         self.map.check(outputs)?;
-        let (one, pair, gain) = self.two.gain(outputs, w).ok_or(SolveError::AllEqual)?;
+        let (one, pair, gain) = self.two.gain(outputs, w).ok_or_else(|| self.map.unexplained(outputs, w))?;
         let mut candidates = vec![Candidate { cause: MisfitCause::TwoContacts, gain, gain_most: self.limits.two }];
         if self.map.knows_shear()
             && let Some(fit) = self.map.best(outputs, ShearPrior::Usual, 0..0, w)
@@ -149,12 +151,17 @@ impl Causes {
             candidates.push(Candidate { cause: MisfitCause::Shear, gain, gain_most: self.limits.shear });
         }
         let without = self.units.iter().filter_map(|(unit, outputs_of)| {
-            Some((*unit, self.map.best(outputs, ShearPrior::Zero, outputs_of.clone(), w)?.chi2))
+            Some((*unit, outputs_of, self.map.best(outputs, ShearPrior::Zero, outputs_of.clone(), w)?.chi2))
         });
-        if let Some((unit, chi2)) = without.min_by(|a, b| a.1.total_cmp(&b.1)) {
-            let gain = one.chi2 - chi2;
-            candidates.push(Candidate { cause: MisfitCause::BrokenUnit(unit), gain, gain_most: self.limits.broken });
+        if let Some((unit, outputs_of, chi2)) = without.min_by(|a, b| a.2.total_cmp(&b.2)) {
+            let (gain, gain_most) = (one.chi2 - chi2, self.limits.broken);
+            // without a unit another contact is explained better too, but not well
+            if gain <= gain_most || self.map.fits_without(outputs, outputs_of.clone(), w) {
+                candidates.push(Candidate { cause: MisfitCause::BrokenUnit(unit), gain, gain_most });
+            }
         }
+        let (gain, gain_most) = (one.beyond, self.map.beyond_most());
+        candidates.push(Candidate { cause: MisfitCause::Outside, gain, gain_most });
         Ok((candidates, pair))
     }
 }

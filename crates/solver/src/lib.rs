@@ -273,6 +273,9 @@ pub enum SolveError {
     /// Nothing that the array can feel touches it, so the correlation would be 0/0.
     #[error("all outputs are equal: the reading correlates with no place")]
     AllEqual,
+    /// Only a force away from the specimen would give the reading.
+    #[error("no press explains the reading; are the signs of the outputs reversed?")]
+    NoPress,
     /// The solved force is too large for a number.
     #[error("the reading is too large for the calibration: its force is not finite")]
     OutOfProportion,

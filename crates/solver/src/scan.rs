@@ -127,7 +127,8 @@ fn panels(units: usize, rows: &[f64]) -> Vec<RowPanel> {
         }
         panel
     };
-    rows.chunks(units * PANEL).flat_map(|rows| (0..units).map(move |unit| panel(rows, unit))).collect()
+    // damaged bytes of a file may state no unit
+    rows.chunks(units.max(1) * PANEL).flat_map(|rows| (0..units).map(move |unit| panel(rows, unit))).collect()
 }
 
 struct PanelSearch<'a> {

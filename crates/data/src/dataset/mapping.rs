@@ -255,6 +255,15 @@ impl Mapping {
         self.group.as_deref()
     }
 
+    /// Returns the mapping with the program's own names for the forces along x and y, if none are named.
+    #[must_use]
+    pub fn with_force_vector(mut self) -> Mapping {
+        for (side, name) in self.force_sideways_n.iter_mut().zip(["force_x_n", "force_y_n"]) {
+            side.get_or_insert_with(|| name.to_owned());
+        }
+        self
+    }
+
     /// Whether the force has three components. Then the presses may have no places.
     pub fn has_force_vector(&self) -> bool {
         self.force_sideways_n.iter().all(Option::is_some)

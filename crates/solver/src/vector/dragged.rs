@@ -54,13 +54,18 @@ impl DraggedRow<'_> {
 }
 
 impl VectorMap {
-    /// Adds the outputs of a force at a place, times a factor.
+    /// Adds the outputs of a force at a place, times a factor. Beyond the area, where a drag from its border ends, they continue along
+    /// their slopes.
     fn add_outputs(&self, place: Place, force_n: [f64; 3], factor: f64, outputs: &mut [f64]) {
-        let mut per_newton = vec![0.0; outputs.len()];
+        let inside = self.area.clamp(place);
+        let (x_mm, y_mm) = (place.x_mm - inside.x_mm, place.y_mm - inside.y_mm);
+        let [mut value, mut along_x, mut along_y] = [(); 3].map(|()| vec![0.0; outputs.len()]);
         for (axis, n) in self.axes.iter().zip(force_n) {
             if let Some(axis) = axis {
-                axis.field.value(place, &mut per_newton);
-                outputs.iter_mut().zip(&per_newton).for_each(|(output, per_newton)| *output += factor * n * per_newton);
+                axis.field.value_and_gradient(inside, &mut value, &mut along_x, &mut along_y);
+                for (output, to) in outputs.iter_mut().enumerate() {
+                    *to += factor * n * (value[output] + x_mm * along_x[output] + y_mm * along_y[output]);
+                }
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Smooth map of the outputs per newton along each axis, with its own error and the noise of a reading.
 
 use super::calibration::{VectorCalibration, VectorSpot};
-use super::{PRESS, VectorContact, VectorCovariance, VectorError};
+use super::{PRESS, ShearPrior, VectorCovariance, VectorError, VectorWorkspace};
 use crate::field::{CalibratedArea, SplineField};
 use crate::hyperparameters::Hyperparameters;
 use crate::kriging::Kriging;
@@ -9,11 +9,13 @@ use crate::noise::{Noise, Residual};
 use crate::spots::coordinates;
 use crate::surrogate::{CELLS_A_GRAIN, MANNER};
 use crate::threshold::chi2_quantile;
+use crate::two::Pair;
 use palpate_core::quantity::{Place, stream};
 use rand::RngExt;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Smooth map of the outputs per newton along each axis, and everything that a solve needs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -51,6 +53,10 @@ impl AxisMap {
     }
 }
 
+/// Least variance of the places across their longest direction, as a fraction of that along it.
+const LEAST_WIDTH: f64 = 1e-4;
+/// Least number of outputs: as many as the unknowns of a press.
+pub(super) const FEWEST_OUTPUTS: usize = 3;
 /// Least number of places of a map.
 const FEWEST_PLACES: usize = 6;
 /// Number of cells along each side of the table with the map's own error: some for each step from one place to the next, because the
@@ -69,10 +75,16 @@ impl VectorMap {
     /// The places are few, or on a line.
     pub fn fit(calibration: &VectorCalibration) -> Result<Self, VectorError> {
         let outputs = calibration.outputs;
+        if outputs < FEWEST_OUTPUTS {
+            return Err(VectorError::TooFewOutputs { outputs });
+        }
+        let pulls = calibration.rows.iter().filter(|row| row.force_n[PRESS] < 0.0).count();
+        if 2 * pulls > calibration.rows.len() {
+            return Err(VectorError::Pulls);
+        }
         let pressed = calibration.spots.iter().filter(|spot| spot.columns[PRESS].is_some());
         let area = CalibratedArea::around(pressed.clone().map(|spot| spot.place))
-            .filter(|area| area.least.x_mm < area.most.x_mm && area.least.y_mm < area.most.y_mm)
-            .filter(|_| pressed.clone().count() >= FEWEST_PLACES)
+            .filter(|_| pressed.clone().count() >= FEWEST_PLACES && spans_area(pressed.clone().map(|spot| spot.place)))
             .ok_or(VectorError::TooFewPlaces { places: pressed.count(), needed: FEWEST_PLACES })?;
         let smoothed = [0, 1, PRESS].map(|axis| SmoothedAxis::of(calibration, axis, area));
         let held: Vec<Vec<Residual>> =
@@ -166,9 +178,22 @@ impl VectorMap {
         squares.sum::<f64>() < chi2_quantile(self.outputs, self.false_alarms)
     }
 
-    /// Whether a contact lies beyond the calibrated area, with the accepted false alarms.
-    pub(crate) fn is_outside(&self, contact: &VectorContact) -> bool {
-        contact.beyond > chi2_quantile(1, 2.0 * self.false_alarms)
+    /// Limit of the decrease of the sum of squares that a place beyond the border gives to a contact in the area.
+    pub(crate) fn beyond_most(&self) -> f64 {
+        chi2_quantile(1, 2.0 * self.false_alarms)
+    }
+
+    /// Whether a contact in the area explains a reading without these outputs.
+    pub(crate) fn fits_without(&self, outputs: &[f64], without: Range<usize>, w: &mut VectorWorkspace) -> bool {
+        let prior = if self.knows_shear() { ShearPrior::Usual } else { ShearPrior::Zero };
+        let most = chi2_quantile(self.outputs.saturating_sub(without.len() + 3), self.false_alarms);
+        let fit = self.best(outputs, prior, without, w);
+        fit.is_some_and(|fit| fit.chi2 <= most && fit.beyond <= self.beyond_most())
+    }
+
+    /// Returns the sum of squares that a pair leaves, divided by the limit of the accepted false alarms.
+    pub(crate) fn pair_misfit(&self, pair: &Pair) -> f64 {
+        pair.chi2 / chi2_quantile(self.outputs.saturating_sub(6), self.false_alarms)
     }
 
     /// Accepted fraction of single contacts with a wrong verdict.
@@ -191,6 +216,18 @@ impl VectorMap {
     pub fn bound(&self, place: Place, force_n: [f64; 3]) -> Option<VectorCovariance> {
         self.fitted(place, force_n)
     }
+}
+
+/// Whether places aren't on a line: the smaller variance of a direction is a ten-thousandth of the larger at least.
+fn spans_area(places: impl Iterator<Item = Place> + Clone) -> bool {
+    let count = places.clone().count() as f64;
+    let mean = |of: &dyn Fn(Place) -> f64| places.clone().map(of).sum::<f64>() / count;
+    let (x, y) = (mean(&|place| place.x_mm), mean(&|place| place.y_mm));
+    let xx = mean(&|place| (place.x_mm - x).powi(2));
+    let yy = mean(&|place| (place.y_mm - y).powi(2));
+    let xy = mean(&|place| (place.x_mm - x) * (place.y_mm - y));
+    let (half, root) = ((xx + yy) / 2.0, ((xx - yy) / 2.0).hypot(xy));
+    half - root > LEAST_WIDTH * (half + root)
 }
 
 /// Axis of a calibration with the data for held-out comparisons.

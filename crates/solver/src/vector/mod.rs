@@ -116,6 +116,15 @@ pub enum VectorError {
     /// Nothing shows the effect of a force into the specimen.
     #[error("no place has presses that determine the outputs per newton into the specimen")]
     NoPress,
+    /// A press can't be determined.
+    #[error("the array has {outputs} outputs, a contact with a force vector requires 3")]
+    TooFewOutputs {
+        /// Number of outputs.
+        outputs: usize,
+    },
+    /// Most forces point away from the specimen.
+    #[error("most forces are negative, but a press is positive")]
+    Pulls,
     /// The places don't span an area.
     #[error("the presses are at {places} places, the map requires {needed} that span an area")]
     TooFewPlaces {

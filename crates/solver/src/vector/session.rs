@@ -1,12 +1,14 @@
 //! Solves one reading after another as force vectors, with missing outputs.
 
+use super::map::FEWEST_OUTPUTS;
 use super::{VectorModel, VectorSolution, VectorWorkspace};
 use crate::causes::Causes;
 use crate::fits::MOST_FITS;
 use crate::{SolveError, Unanswered};
 use palpate_core::parallel::lock;
+use palpate_core::quantity::Place;
 use std::ops::Range;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 /// A model ready to solve, with its maps without some outputs. Sessions share it.
 pub struct VectorFits {
@@ -19,17 +21,16 @@ pub struct VectorFits {
 #[derive(Clone)]
 struct Partial {
     kept: Vec<usize>,
-    causes: Arc<Causes>,
+    made: Arc<OnceLock<Arc<Causes>>>,
 }
 
 /// Solves one reading after another. A missing output is NaN: such a reading is solved by the same map without this output.
 pub struct VectorSession {
     fits: Arc<VectorFits>,
     workspace: VectorWorkspace,
+    /// Last two contacts. The first of the next ones is the one that is nearer to the first of these.
+    last: Option<[Place; 2]>,
 }
-
-/// Least number of outputs of a solved reading: as many as the unknowns of a press.
-const FEWEST_OUTPUTS: usize = 3;
 
 impl VectorFits {
     /// Prepares a model.
@@ -44,31 +45,34 @@ impl VectorFits {
         &self.model
     }
 
-    /// Returns the map for some of the outputs, with limits of its own. It is kept; beyond [`MOST_FITS`] it replaces the oldest one.
+    /// Returns the map for some of the outputs, with limits of its own. It is kept; beyond [`MOST_FITS`] it replaces the one that wasn't
+    /// needed for longest. Sessions that need the same map wait for it.
     fn of_outputs(&self, kept: &[usize]) -> Arc<Causes> {
-        let known = |partial: &[Partial]| partial.iter().find(|made| made.kept == kept).map(|made| made.causes.clone());
-        if let Some(causes) = known(&lock(&self.partial)) {
-            return causes;
-        }
-        // other sessions continue meanwhile
-        let position = |output: usize| kept.partition_point(|kept| *kept < output);
-        let units = self.model.layout.units().enumerate();
-        let units = units.map(|(unit, outputs)| (unit, position(outputs.start)..position(outputs.end)));
-        let units: Vec<(usize, Range<usize>)> = units.filter(|(_, outputs)| !outputs.is_empty()).collect();
-        let causes = Arc::new(Causes::of(Arc::new(self.model.map.of_outputs(kept)), units, None));
-        let mut partial = lock(&self.partial);
-        if partial.len() >= MOST_FITS {
-            partial.remove(0);
-        }
-        partial.push(Partial { kept: kept.to_vec(), causes: causes.clone() });
-        causes
+        let made = {
+            let mut partial = lock(&self.partial);
+            let known = partial.iter().position(|partial| partial.kept == kept).map(|at| partial.remove(at));
+            let latest = known.unwrap_or_else(|| Partial { kept: kept.to_vec(), made: Arc::default() });
+            if partial.len() >= MOST_FITS {
+                partial.remove(0);
+            }
+            partial.push(latest.clone());
+            latest.made
+        };
+        made.get_or_init(|| {
+            let position = |output: usize| kept.partition_point(|kept| *kept < output);
+            let units = self.model.layout.units().enumerate();
+            let units = units.map(|(unit, outputs)| (unit, position(outputs.start)..position(outputs.end)));
+            let units: Vec<(usize, Range<usize>)> = units.filter(|(_, outputs)| !outputs.is_empty()).collect();
+            Arc::new(Causes::of(Arc::new(self.model.map.of_outputs(kept)), units, None))
+        })
+        .clone()
     }
 }
 
 impl VectorSession {
     /// Creates a session.
     pub fn new(fits: Arc<VectorFits>) -> Self {
-        VectorSession { fits, workspace: VectorWorkspace::default() }
+        VectorSession { fits, workspace: VectorWorkspace::default(), last: None }
     }
 
     /// Returns the model.
@@ -85,6 +89,24 @@ impl VectorSession {
         if found != expected {
             return Err(SolveError::Channels { expected, found }.into());
         }
+        let mut solution = self.solve_known(outputs)?;
+        if let Some(pair) = &mut solution.pair {
+            let way_mm = |[a, b]: [Place; 2], last: [Place; 2]| a.distance_mm(last[0]) + b.distance_mm(last[1]);
+            let [first, second] = pair.places;
+            if self.last.is_some_and(|last| way_mm([second, first], last) < way_mm([first, second], last)) {
+                pair.places.swap(0, 1);
+                pair.forces_n.swap(0, 1);
+                pair.errors_mm.swap(0, 1);
+                pair.errors_n.swap(0, 1);
+            }
+            self.last = Some(pair.places);
+        }
+        Ok(solution)
+    }
+
+    /// Solves a reading by the outputs that it has.
+    fn solve_known(&mut self, outputs: &[f64]) -> Result<VectorSolution, Unanswered> {
+        let found = outputs.len();
         if !outputs.iter().any(|output| output.is_nan()) {
             return Ok(self.fits.whole.solve(outputs, &mut self.workspace)?);
         }

@@ -13,6 +13,8 @@ pub struct VectorSolution {
     pub contact: VectorContact,
     /// Both contacts, if there are two.
     pub pair: Option<Pair>,
+    /// Sum of squares that the contact, or both contacts leave, divided by the limit of the accepted false alarms.
+    pub misfit: f64,
     /// Whether the answer is credible.
     pub verdict: VectorVerdict,
 }
@@ -47,6 +49,7 @@ impl VectorVerdict {
             MisfitCause::Shear => "shear",
             MisfitCause::TwoContacts => "two-contacts",
             MisfitCause::BrokenUnit(_) => "unit-fault",
+            MisfitCause::Outside => "outside-area",
         };
         Cow::Borrowed(match self {
             VectorVerdict::Ok => "ok",
@@ -91,14 +94,15 @@ pub const VECTOR_NUMBERS: [&str; 15] = [
 ];
 
 impl VectorSolution {
-    /// Returns the numbers in the order of [`VECTOR_NUMBERS`]; NaN if a number is unknown. Two contacts have no force along the
-    /// surface and no standard deviations.
+    /// Returns the numbers in the order of [`VECTOR_NUMBERS`]; NaN if a number is unknown. Of two contacts only the
+    /// standard deviation of the first force is stated.
     pub fn numbers(&self) -> [f64; VECTOR_NUMBERS.len()] {
         const UNKNOWN: f64 = f64::NAN;
-        let VectorContact { place, press_n, shear, misfit, covariance, .. } = self.contact;
-        if let Some(Pair { places: [first, second], forces_n, .. }) = self.pair {
+        let VectorContact { place, press_n, shear, covariance, .. } = self.contact;
+        let misfit = self.misfit;
+        if let Some(Pair { places: [first, second], forces_n, errors_n, .. }) = self.pair {
             let mut numbers = [UNKNOWN; VECTOR_NUMBERS.len()];
-            [numbers[0], numbers[1], numbers[4]] = [first.x_mm, first.y_mm, forces_n[0]];
+            [numbers[0], numbers[1], numbers[4], numbers[9]] = [first.x_mm, first.y_mm, forces_n[0], errors_n[0]];
             numbers[11..].copy_from_slice(&[second.x_mm, second.y_mm, forces_n[1], misfit]);
             return numbers;
         }
@@ -122,22 +126,24 @@ impl Causes {
     /// The reading has another number of outputs, a number isn't finite, or no press explains any of it.
     pub fn solve(&self, outputs: &[f64], workspace: &mut VectorWorkspace) -> Result<VectorSolution, SolveError> {
         let contact = self.map().solve(outputs, workspace)?;
-        let answer = |verdict: VectorVerdict| VectorSolution { contact, pair: None, verdict };
+        let answer = |verdict: VectorVerdict| VectorSolution { contact, pair: None, misfit: contact.misfit, verdict };
         if self.map().is_weak(outputs) {
             return Ok(answer(VectorVerdict::WeakSignal));
         }
         let (candidates, pair) = self.compared(outputs, workspace)?;
         Ok(match explain(&candidates) {
             Explanation::Is(MisfitCause::TwoContacts) => {
-                let is_separable = pair.is_some_and(|pair| pair.is_separable());
+                let misfit = pair.map_or(f64::INFINITY, |pair| self.map().pair_misfit(&pair));
+                let is_separable = misfit <= 1.0 && pair.is_some_and(|pair| pair.is_separable());
                 let verdict = if is_separable { VectorVerdict::TwoContacts } else { VectorVerdict::TwoNotSeparable };
-                VectorSolution { pair, ..answer(verdict) }
+                VectorSolution { pair, misfit, ..answer(verdict) }
             }
             Explanation::Is(MisfitCause::BrokenUnit(unit)) => answer(VectorVerdict::UnitFault(unit)),
+            Explanation::Is(MisfitCause::Outside) => answer(VectorVerdict::OutsideArea),
             Explanation::Either(one, other) => answer(VectorVerdict::Either(one, other)),
             Explanation::OneContact | Explanation::Is(MisfitCause::Shear) => answer(match contact.shear {
+                _ if contact.beyond > self.map().beyond_most() => VectorVerdict::OutsideArea,
                 _ if contact.misfit > 1.0 => VectorVerdict::NotOneContact,
-                _ if self.map().is_outside(&contact) => VectorVerdict::OutsideArea,
                 Shear::Force(_) => VectorVerdict::Ok,
                 Shear::NotDeterminable { .. } => VectorVerdict::ShearUnknown,
             }),

@@ -151,7 +151,8 @@ impl VectorMap {
     /// The reading has another number of outputs, a number isn't finite, or no press explains any of it.
     pub fn solve(&self, outputs: &[f64], workspace: &mut VectorWorkspace) -> Result<VectorContact, SolveError> {
         self.check(outputs)?;
-        let assumed = self.best(outputs, ShearPrior::Usual, 0..0, workspace).ok_or(SolveError::AllEqual)?;
+        let assumed = self.best(outputs, ShearPrior::Usual, 0..0, workspace);
+        let assumed = assumed.ok_or_else(|| self.unexplained(outputs, workspace))?;
         let freely = VectorDescent::new(self, outputs, ShearPrior::None);
         let bound = freely.information_at(&assumed, workspace).and_then(|information| covariance(&information));
         let bound_n = bound.map_or(f64::INFINITY, |bound| bound.shear_n());
@@ -161,13 +162,23 @@ impl VectorMap {
         let (fit, covariance, shear) = match free {
             Some((fit, covariance)) => (fit, covariance, Shear::Force([fit.force_n[0], fit.force_n[1]])),
             None => {
-                let covariance = covariance(&assumed.information).ok_or(SolveError::AllEqual)?;
+                let covariance = covariance(&assumed.information).ok_or(SolveError::NoPress)?;
                 (assumed, covariance, Shear::NotDeterminable { bound_n })
             }
         };
         let VectorFit { place, force_n, chi2, beyond, .. } = fit;
         let misfit = chi2 / self.misfit_most[usize::from(free.is_some())];
         Ok(VectorContact { place, press_n: force_n[PRESS], shear, covariance, chi2, misfit, beyond })
+    }
+
+    /// Returns the reason why no press explains a reading.
+    pub(crate) fn unexplained(&self, outputs: &[f64], w: &mut VectorWorkspace) -> SolveError {
+        self.coarse.multiply(outputs, &mut w.scores);
+        match () {
+            () if w.scores.iter().any(|score| !score.is_finite()) => SolveError::OutOfProportion,
+            () if outputs.iter().all(|output| *output == outputs[0]) => SolveError::AllEqual,
+            () => SolveError::NoPress,
+        }
     }
 
     pub(crate) fn check(&self, outputs: &[f64]) -> Result<(), SolveError> {

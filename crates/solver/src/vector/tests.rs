@@ -132,12 +132,25 @@ fn invalid_rows_and_readings_are_refused_by_name() {
     assert_eq!(refused(&[]), VectorError::NoPress);
     assert_eq!(refused(&[row(&[1.0, 2.0]), row(&[1.0])]), VectorError::Outputs { row: 2, found: 1, expected: 2 });
     assert_eq!(refused(&[row(&[1.0]), row(&[f64::NAN])]), VectorError::NotFinite { row: 2 });
-    let one = VectorCalibration::new(&[row(&[1.0])]).unwrap();
-    assert_eq!(VectorMap::fit(&one).unwrap_err(), VectorError::TooFewPlaces { places: 1, needed: 6 });
+    let unfit = |rows: &[VectorRow<'_>]| VectorMap::fit(&VectorCalibration::new(rows).unwrap()).unwrap_err();
+    assert_eq!(unfit(&[row(&[1.0])]), VectorError::TooFewOutputs { outputs: 1 });
+    assert_eq!(unfit(&[row(&[1.0; 3])]), VectorError::TooFewPlaces { places: 1, needed: 6 });
+    let at = |i: i32| VectorRow { place: Place::new(f64::from(i), f64::from(2 * i)), ..row(&[1.0; 3]) };
+    let on_a_line: Vec<VectorRow<'_>> = (0..9).map(at).collect();
+    assert_eq!(unfit(&on_a_line), VectorError::TooFewPlaces { places: 9, needed: 6 });
+    assert_eq!(unfit(&[VectorRow { force_n: [0.0, 0.0, -1.0], ..row(&[1.0; 3]) }]), VectorError::Pulls);
     let mut workspace = VectorWorkspace::default();
     assert!(known().solve(&[0.0; 3], &mut workspace).is_err());
     assert!(known().solve(&[f64::NAN; 27], &mut workspace).is_err());
-    assert!(known().solve(&[0.0; 27], &mut workspace).is_err(), "nothing touches the array");
+    assert_eq!(
+        known().solve(&[0.0; 27], &mut workspace).unwrap_err(),
+        crate::SolveError::AllEqual,
+        "nothing touches the array"
+    );
+    let pulled = read(CONTACTS[0].0, [0.0, 0.0, -1.0]);
+    assert_eq!(known().solve(&pulled, &mut workspace).unwrap_err(), crate::SolveError::NoPress);
+    let huge: Vec<f64> = pulled.iter().map(|output| -1e300 * output).collect();
+    assert_eq!(known().solve(&huge, &mut workspace).unwrap_err(), crate::SolveError::OutOfProportion);
 }
 
 #[test]
@@ -156,11 +169,33 @@ fn verdicts_name_a_weak_signal_a_place_outside_and_a_missing_output() {
     let model = VectorModel { map: known(), layout, validity, limits };
     let copy = VectorModel::from_bytes(&model.to_bytes().unwrap()).unwrap();
     let mut session = VectorSession::new(std::sync::Arc::new(VectorFits::new(copy)));
-    let [place, outside] = [Place::new(0.3, -1.1), Place::new(6.4, 0.5)];
+    let place = Place::new(0.3, -1.1);
     let reading = read(place, [0.1, -0.2, 0.5]);
     assert_eq!(session.solve(&reading).unwrap().verdict, VectorVerdict::Ok);
     assert_eq!(session.solve(&read(place, [0.0, 0.0, 0.02])).unwrap().verdict, VectorVerdict::WeakSignal);
-    assert_eq!(session.solve(&read(outside, [0.0, 0.0, 0.5])).unwrap().verdict, VectorVerdict::OutsideArea);
+    // beyond the border a dead unit would explain much of the reading too
+    for beyond_mm in [0.4, 1.0, 2.0, 4.0] {
+        let outside = Place::new(6.0 + beyond_mm, 0.5);
+        let verdict = session.solve(&read(outside, [0.0, 0.0, 0.9])).unwrap().verdict;
+        assert_eq!(verdict, VectorVerdict::OutsideArea, "{beyond_mm} mm");
+    }
+    // three contacts aren't two
+    let places = [Place::new(-5.0, -5.0), Place::new(5.0, -5.0), Place::new(0.0, 5.0)];
+    let all = places.map(|place| read(place, [0.0, 0.0, 0.5]));
+    let three: Vec<f64> = (0..27).map(|i| all.iter().map(|reading| reading[i]).sum()).collect();
+    let solution = session.solve(&three).unwrap();
+    assert!(solution.verdict == VectorVerdict::TwoNotSeparable && solution.misfit > 1.0, "{solution:?}");
+    // both contacts of a pair keep their order
+    let pair = |y_mm: f64| {
+        let loads = [(Place::new(-3.0, y_mm), 0.5), (Place::new(3.0, -y_mm), 0.6)];
+        let all = loads.map(|(place, force_n)| read(place, [0.0, 0.0, force_n]));
+        (0..27).map(|i| all[0][i] + all[1][i]).collect::<Vec<f64>>()
+    };
+    let first = session.solve(&pair(0.5)).unwrap().pair.unwrap().places[0];
+    for y_mm in [0.3, 0.1, -0.1, -0.3] {
+        let next = session.solve(&pair(y_mm)).unwrap().pair.unwrap().places[0];
+        assert!(next.distance_mm(first) < 1.5, "{y_mm}: {next:?} {first:?}");
+    }
     // without one output of a unit, and without two whole units, of which another one doesn't read
     let without = |outputs: &[usize], reading: &[f64]| -> Vec<f64> {
         reading.iter().enumerate().map(|(i, value)| if outputs.contains(&i) { f64::NAN } else { *value }).collect()
