@@ -70,6 +70,6 @@ def test_a_model_of_another_kind_is_refused(presses, tmp_path):
     palpate.fit(EXAMPLE / "calibration.csv", "pearson").save(tmp_path / "a.palpate")
     with pytest.raises(palpate.UsageError, match="palpate.Model.load"):
         palpate.VectorModel.load(tmp_path / "a.palpate")
-    palpate.fit_vector(presses, columns=COLUMNS).save(tmp_path / "b.palpate")
+    palpate.fit_vector(presses).save(tmp_path / "b.palpate")
     with pytest.raises(palpate.UsageError, match="palpate.VectorModel.load"):
         palpate.Model.load(tmp_path / "b.palpate")

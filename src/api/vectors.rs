@@ -95,5 +95,11 @@ fn fitted(calibration: &Presses, note: Note<'_>) -> Result<VectorMap, Failure> {
              and its stated errors are those without a force along the surface",
         );
     }
+    if map.is_sparse() {
+        note(
+            "note: between its places the map is less certain than a reading: press places that are closer, or single contacts are often \
+             called faults",
+        );
+    }
     Ok(map)
 }

@@ -30,7 +30,7 @@ which one answered: calibrated (it assumes the load of the calibration), or any.
 Force vectors (--vector, or a sensor file of them) add force_x_n, force_y_n.
 Where the outputs can't show them, the verdict is shear-unknown, and
 shear_bound_n is their expected error. Other verdicts: two-contacts (second_...),
-two-not-separable, unit-fault (unit: which taxel), or two causes that explain the reading as well.
+two-not-separable, unit-fault (unit: which taxel), or two causes.
 
 A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
 solved by the same method fitted without that channel.

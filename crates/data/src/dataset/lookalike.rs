@@ -24,13 +24,13 @@ const KINDS: [(&str, &str, &[&str], &[&str]); 4] = [
     ("an output", "out_1, out_2, ...", &["out", "ch", "adc", "sensor", "signal", "taxel", "volt"], &["v"]),
 ];
 
-/// Returns the columns of a header that resemble a known column but aren't read.
-pub(super) fn lookalikes(header: &StringRecord) -> Vec<Lookalike> {
+/// Returns the columns of a header that resemble a known column but aren't read. `named` are read too.
+pub(super) fn lookalikes(header: &StringRecord, named: &[&str]) -> Vec<Lookalike> {
     let is_read = |name: &str| {
         let of_any_table = |presence| matches!(presence, Presence::Needed | Presence::Optional | Presence::OfRun);
         COLUMNS.iter().any(|column| column.name == name && of_any_table(column.presence)) || is_output(name)
     };
-    let unused = header.iter().filter(|name| !is_read(name));
+    let unused = header.iter().filter(|name| !is_read(name) && !named.contains(name));
     let lookalike = |name: &str| {
         let (looks_like, read_from, ..) = KINDS.into_iter().find(|(_, _, words, letters)| {
             let lower = name.to_lowercase();
@@ -55,7 +55,7 @@ mod tests {
     fn similar_column_names_are_suggested() {
         let header =
             "x_mm,y_mm,force_n,out_1,flags,depth_mm,Fz (N),Depth,force,X,pos_y,ch3,Sensor_4,time_s,temperature,note,n";
-        let found = lookalikes(&StringRecord::from(header.split(',').collect::<Vec<_>>()));
+        let found = lookalikes(&StringRecord::from(header.split(',').collect::<Vec<_>>()), &[]);
         let found: Vec<(&str, &str)> = found.iter().map(|found| (found.column.as_str(), found.looks_like)).collect();
         assert_eq!(
             found,

@@ -264,6 +264,11 @@ impl Mapping {
         self
     }
 
+    /// Returns the names of the columns with the forces along x and y, if they are named.
+    pub(super) fn sideways_names(&self) -> Vec<&str> {
+        self.force_sideways_n.iter().flatten().map(String::as_str).collect()
+    }
+
     /// Whether the force has three components. Then the presses may have no places.
     pub fn has_force_vector(&self) -> bool {
         self.force_sideways_n.iter().all(Option::is_some)

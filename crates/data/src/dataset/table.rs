@@ -119,7 +119,8 @@ fn parse_bounded(file: &str, input: impl Read, mapping: &Mapping, most_bytes: u6
     if presses.is_empty() {
         return Err(TableError::NoRows { file: file.to_owned() });
     }
-    let unused = if columns.is_of_run || mapping.is_given { Vec::new() } else { lookalikes(&header) };
+    let unused =
+        if columns.is_of_run || mapping.is_given { Vec::new() } else { lookalikes(&header, &mapping.sideways_names()) };
     let mut presses = Presses::new(file, presses, lines);
     presses.unused = unused;
     presses.detected.extend(records.dialect.detected());

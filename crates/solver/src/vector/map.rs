@@ -32,6 +32,8 @@ pub struct VectorMap {
     pub(crate) false_alarms: f64,
     /// Sums of squares that they exceed at this rate, without and with a shear.
     pub(super) misfit_most: [f64; 2],
+    /// Whether most outputs are known less certainly at a place without presses than a reading of one press.
+    is_sparse: bool,
 }
 
 /// Map of the outputs per newton along one axis.
@@ -89,6 +91,8 @@ impl VectorMap {
         let smoothed = [0, 1, PRESS].map(|axis| SmoothedAxis::of(calibration, axis, area));
         let held: Vec<Vec<Residual>> =
             (0..calibration.spots.len()).flat_map(|spot| held_rows(calibration, spot, &smoothed)).collect();
+        let uncertain = held.iter().flatten().filter(|residual| residual.leverage > 1.0).count();
+        let is_sparse = 2 * uncertain > outputs * held.len();
         let of_output = |output: usize| held.iter().map(|held| held[output]).collect();
         let noise = Noise::fit(&(0..outputs).map(of_output).collect::<Vec<Vec<Residual>>>());
         let standard = |(output, r): (usize, &Residual)| {
@@ -96,7 +100,7 @@ impl VectorMap {
         };
         let held = held.iter().map(|row| row.iter().enumerate().map(standard).collect()).collect();
         let axes = smoothed.map(|axis| axis.map(|axis| axis.map));
-        Ok(VectorMap { held, ..Self::with(axes, noise, area, outputs) })
+        Ok(VectorMap { held, is_sparse, ..Self::with(axes, noise, area, outputs) })
     }
 
     /// Returns the map of columns that are known exactly, with the standard deviation of each output's noise. `columns` gives the
@@ -116,7 +120,7 @@ impl VectorMap {
     fn with(axes: [Option<AxisMap>; 3], noise: Noise, area: CalibratedArea, outputs: usize) -> Self {
         let coarse = super::solve::Coarse::of(&axes, &noise, area, outputs);
         let (false_alarms, misfit_most) = (FALSE_ALARMS, [f64::INFINITY; 2]);
-        VectorMap { axes, noise, area, outputs, held: Vec::new(), coarse, false_alarms, misfit_most }
+        VectorMap { axes, noise, area, outputs, held: Vec::new(), coarse, false_alarms, misfit_most, is_sparse: false }
             .with_false_alarms(FALSE_ALARMS)
     }
 
@@ -194,6 +198,11 @@ impl VectorMap {
     /// Returns the sum of squares that a pair leaves, divided by the limit of the accepted false alarms.
     pub(crate) fn pair_misfit(&self, pair: &Pair) -> f64 {
         pair.chi2 / chi2_quantile(self.outputs.saturating_sub(6), self.false_alarms)
+    }
+
+    /// Whether the places are so far apart that single contacts may be called something else more often than accepted.
+    pub fn is_sparse(&self) -> bool {
+        self.is_sparse
     }
 
     /// Accepted fraction of single contacts with a wrong verdict.

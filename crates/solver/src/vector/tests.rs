@@ -77,12 +77,12 @@ fn the_force_scales_with_the_reading_and_the_place_stays() {
     }
 }
 
-/// The map of presses and drags at 81 places.
-fn fitted(noise_sd: f64) -> VectorMap {
+/// The map of presses and drags at this number of places along each side.
+fn fitted(side: usize, noise_sd: f64) -> VectorMap {
     let mut rng = stream(1, 0, "noise of the presses");
-    let at = |i: usize| -6.0 + 1.5 * i as f64;
+    let at = |i: usize| -6.0 + 12.0 * i as f64 / (side - 1) as f64;
     let mut presses = Vec::new();
-    for place in (0..81).map(|i| Place::new(at(i % 9), at(i / 9))) {
+    for place in (0..side * side).map(|i| Place::new(at(i % side), at(i / side))) {
         for force_n in [[0.0, 0.0, 1.0], [0.5, 0.0, 1.0], [0.0, 0.5, 1.1], [-0.4, -0.4, 0.9]] {
             let mut noise =
                 |sd: f64| -> f64 { sd * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut rng) };
@@ -97,10 +97,15 @@ fn fitted(noise_sd: f64) -> VectorMap {
     VectorMap::fit(&VectorCalibration::new(&rows).unwrap()).unwrap()
 }
 
+#[test]
+fn a_map_of_few_places_is_sparse() {
+    assert!(fitted(5, 1e-2).is_sparse() && !fitted(9, 1e-2).is_sparse());
+}
+
 /// Between the last two lines of places the map is at least as uncertain as in the middle.
 #[test]
 fn the_error_of_the_map_does_not_vanish_near_the_border() {
-    let map = fitted(1e-3);
+    let map = fitted(9, 1e-3);
     let error = |x_mm: f64, y_mm: f64| {
         let mut error = vec![0.0; 27];
         map.axes[PRESS].as_ref().unwrap().error(Place::new(x_mm, y_mm), &mut error);
@@ -115,7 +120,7 @@ fn the_error_of_the_map_does_not_vanish_near_the_border() {
 
 #[test]
 fn a_map_from_presses_and_drags_is_the_true_one() {
-    let map = fitted(0.0);
+    let map = fitted(9, 0.0);
     assert!(map.knows_shear());
     for (place, force_n) in CONTACTS {
         let contact = solve(&map, &read(place, force_n));
