@@ -12,6 +12,7 @@
 //! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`], [`LaumasTlb`] or [`SenecaZsg`] (load cells),
 //!   or [`LabJackT7`] (load cell or array).
 //! - [`GrblEmulator`]: GRBL 1.1h on a frame of three axes.
+//! - [`MarlinEmulator`]: Marlin 2.1 on a printer of three axes.
 //! - [`lines`]: boards that push lines or frames: an HX711, a Mark-10 gauge, a Net F/T, a Bota sensor or a GSV-8 (load cells), ReSkin, a text board or a Velostat matrix
 //!   (arrays).
 //! - [`ProcessStageEmulator`], [`ProcessLoadCellEmulator`], [`ProcessArrayEmulator`]: devices of the process protocol (docs/reference/process.md).
@@ -22,6 +23,7 @@ mod esp301;
 mod grbl;
 pub mod lines;
 pub mod listen;
+mod marlin;
 mod modbus;
 mod process;
 mod serve;
@@ -32,6 +34,7 @@ mod xps;
 pub use daqmx::DaqmxEmulator;
 pub use esp301::Esp301Emulator;
 pub use grbl::{GrblEmulator, MotionBoard as GrblBoard, ROOM_MM as GRBL_ROOM_MM};
+pub use marlin::{MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultKind};
 pub use modbus::{
     LabJackT7, LaumasTlb, Modbus, Refusal, RegisterBytes, RegisterMap, RobotiqFt300, SenecaZsg, Transmitter,
 };

@@ -37,6 +37,8 @@ impl MotionBoard {
     pub const HOMING: u16 = settings::HOMING;
     /// Axes that home toward minus, one bit each.
     pub const HOMING_DIRECTION: u16 = settings::HOMING_DIRECTION;
+    /// Steps per mm of x; those of y and z follow, as in the next ones.
+    pub(crate) const STEPS_PER_MM: u16 = settings::STEPS_PER_MM;
     /// Largest rate of x, mm/min; those of y and z follow, as in the next two.
     pub const RATE: u16 = settings::RATE_MM_MIN;
     /// Acceleration of x, mm/s^2.

@@ -1,7 +1,6 @@
 //! The three axes: planned motions, the running motion, and homing.
 
 use super::board::MotionBoard;
-use super::settings::BoardSettings;
 use crate::scene::{Scene, Trajectory};
 use palpate_core::quantity::Axis;
 use std::collections::VecDeque;
@@ -12,6 +11,10 @@ pub(super) const BLOCKS_MOST: usize = 15;
 const HOMING_TURNS: [&[Axis]; 2] = [&[Axis::Z], &[Axis::X, Axis::Y]];
 /// Ratio of the deceleration after a cut-off of the steps to the normal braking. GRBL doesn't count the remaining motion.
 const CUT_OFF_FACTOR: f64 = 4.0;
+/// Speed of an axis that slips, mm/s.
+const SLIP_MM_S: f64 = 10.0;
+/// Acceleration of an axis that slips, mm/s^2.
+const SLIP_MM_S2: f64 = 500.0;
 /// Tolerance for rounding: of a point on a line (fraction of the line's length), and of a pressed switch (mm).
 const ROUNDING: f64 = 1e-9;
 
@@ -20,7 +23,7 @@ const ROUNDING: f64 = 1e-9;
 ///
 /// Blocks are planned ahead as motions of the scene, so they run even if nobody asks. An axis stops at each corner (GRBL would
 /// round it, slowly). Blocks on one line at one rate are joined into one block.
-pub(super) struct Machine {
+pub(in crate::emulator) struct Machine {
     /// The frame and the settings.
     pub board: MotionBoard,
     /// True place minus counted place, mm.
@@ -32,13 +35,24 @@ pub(super) struct Machine {
 
 /// Request of a line: a motion to a place, machine mm, at a feed, mm/min, or as fast as possible.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct PlannedLine {
+pub(in crate::emulator) struct PlannedLine {
     /// Target of the motion.
     pub to_mm: [f64; 3],
     /// Speed of the motion.
     pub feed_mm_min: Option<f64>,
+    /// Largest acceleration along the line, mm/s^2; each axis has its own limit besides.
+    pub most_mm_s2: f64,
     /// Whether it is a jog.
     pub jog: bool,
+}
+
+/// Search of one axis for its home.
+#[derive(Clone, Debug)]
+pub(in crate::emulator) struct HomingSearch {
+    /// Places to move to, true mm, each with its speed, mm/s.
+    pub phases: Vec<(f64, f64)>,
+    /// What the axis counts at the last of them, mm.
+    pub home_mm: f64,
 }
 
 /// Straight motion.
@@ -70,7 +84,7 @@ pub(super) enum Activity {
 
 /// The result of a search for home.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Homed {
+pub(in crate::emulator) struct Homed {
     /// Time of the end, s.
     pub end_s: f64,
     /// True place minus counted place at that time, mm.
@@ -79,19 +93,19 @@ pub(super) struct Homed {
 
 impl Machine {
     /// Creates a frame at power-on: its present place counts as zero.
-    pub(super) fn new(board: MotionBoard, scene: &Scene) -> Self {
+    pub(in crate::emulator) fn new(board: MotionBoard, scene: &Scene) -> Self {
         let offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
         Machine { board, offset_mm, blocks: VecDeque::new(), cancelled_s: None }
     }
 
     /// Switches the controller off and on: the axes stop, and their present places count as zero.
-    pub(super) fn power_cycle(&mut self, scene: &mut Scene, now_s: f64) {
+    pub(in crate::emulator) fn power_cycle(&mut self, scene: &mut Scene, now_s: f64) {
         self.cut_off(scene, now_s);
         self.offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
     }
 
     /// Applies the effects of everything that has ended by `now_s`.
-    pub(super) fn settle(&mut self, scene: &mut Scene, now_s: f64) {
+    pub(in crate::emulator) fn settle(&mut self, scene: &mut Scene, now_s: f64) {
         if let Some(cancelled_s) = self.cancelled_s {
             if now_s >= cancelled_s {
                 self.blocks.clear();
@@ -119,7 +133,7 @@ impl Machine {
     }
 
     /// Time at which another block can be accepted, s. This is at once unless the planner is full or a motion is being cancelled.
-    pub(super) fn ready_s(&self) -> f64 {
+    pub(in crate::emulator) fn ready_s(&self) -> f64 {
         match (self.cancelled_s, self.blocks.front()) {
             (Some(cancelled_s), _) => cancelled_s,
             (None, Some(front)) if self.blocks.len() == BLOCKS_MOST => front.end_s,
@@ -128,12 +142,12 @@ impl Machine {
     }
 
     /// Time at which all planned motions have ended, s.
-    pub(super) fn end_s(&self) -> f64 {
+    pub(in crate::emulator) fn end_s(&self) -> f64 {
         self.cancelled_s.unwrap_or_else(|| self.blocks.back().map_or(0.0, |block| block.end_s))
     }
 
     /// Positions of the axes, machine mm, rounded to steps.
-    pub(super) fn places_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
+    pub(in crate::emulator) fn places_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
         self.whole_steps(std::array::from_fn(|n| scene.motion(Axis::ALL[n]).position_mm(now_s) - self.offset_mm[n]))
     }
 
@@ -157,7 +171,7 @@ impl Machine {
     }
 
     /// Plans one more line. There is always room, because GRBL checks this first ([`ready_s`](Self::ready_s)).
-    pub(super) fn add(&mut self, line: PlannedLine, scene: &mut Scene, now_s: f64) {
+    pub(in crate::emulator) fn add(&mut self, line: PlannedLine, scene: &mut Scene, now_s: f64) {
         let from_mm = self.end_mm(scene, now_s);
         let to_mm = self.whole_steps(line.to_mm);
         let way_mm: [f64; 3] = std::array::from_fn(|n| to_mm[n] - from_mm[n]);
@@ -176,7 +190,7 @@ impl Machine {
             way,
             feed_mm_s: line.feed_mm_min.map(|feed| feed / 60.0),
             most_mm_s: most_along(&|n| settings.most_mm_s(n)),
-            acceleration_mm_s2: most_along(&|n| settings.acceleration_mm_s2(n)),
+            acceleration_mm_s2: most_along(&|n| settings.acceleration_mm_s2(n)).min(line.most_mm_s2),
             jog: line.jog,
             end_s: 0.0,
             hits: false,
@@ -231,7 +245,7 @@ impl Machine {
     }
 
     /// Stops the steps at once and removes all blocks. The count stays unchanged, but moving axes continue a little by inertia.
-    pub(super) fn cut_off(&mut self, scene: &mut Scene, now_s: f64) {
+    pub(in crate::emulator) fn cut_off(&mut self, scene: &mut Scene, now_s: f64) {
         let counted_mm = self.places_mm(scene, now_s);
         let coasts = self.speed_mm_s(scene, now_s) > 0.0;
         self.blocks.clear();
@@ -247,26 +261,66 @@ impl Machine {
     /// Homes all axes: to the switch at the seek rate, off it, to it at the locate rate, off it. Only a search that has reached
     /// its end [counts](Self::is_home).
     pub(super) fn home(&mut self, scene: &mut Scene, now_s: f64) -> Homed {
+        let settings = &self.board.settings;
+        let (seek_mm_s, locate_mm_s, debounce_s) =
+            (settings.seek_mm_s(), settings.locate_mm_s(), settings.debounce_s());
+        let searches = Axis::ALL.map(|axis| {
+            let (switch_mm, off_mm) = self.board.switch_mm(axis.index());
+            let places = [(switch_mm, seek_mm_s), (off_mm, seek_mm_s), (switch_mm, locate_mm_s), (off_mm, locate_mm_s)];
+            HomingSearch { phases: places.into(), home_mm: self.board.home_mm(axis.index()) }
+        });
+        self.search(&HOMING_TURNS, &searches, debounce_s, scene, now_s)
+    }
+
+    /// Searches for home, turn by turn, the axes of a turn together. Each phase ends with a rest. Only a search that has reached
+    /// its end [counts](Self::is_home).
+    pub(in crate::emulator) fn search(
+        &mut self,
+        turns: &[&[Axis]],
+        searches: &[HomingSearch; 3],
+        rest_s: f64,
+        scene: &mut Scene,
+        now_s: f64,
+    ) -> Homed {
         self.cut_off(scene, now_s);
         let mut from_s = Axis::ALL.into_iter().map(|axis| scene.motion(axis).end_s()).fold(now_s, f64::max);
         let mut offset_mm = self.offset_mm;
-        for turn in HOMING_TURNS {
+        for turn in turns {
             let mut turn_ends_s = from_s;
-            for &axis in turn {
-                let way = self.homing_way(axis, from_s, scene);
+            for &axis in *turn {
+                let search = &searches[axis.index()];
+                let way = self.homing_way(axis, &search.phases, rest_s, from_s, scene);
                 turn_ends_s = turn_ends_s.max(way.end_s());
                 let motion = scene.motion(axis);
                 let first = if motion.moving(now_s) { motion.clone() } else { rest(motion.end_mm(), now_s) };
                 scene.set_motion(axis, first.then(&way), now_s);
-                offset_mm[axis.index()] = way.end_mm() - self.board.home_mm(axis.index());
+                offset_mm[axis.index()] = way.end_mm() - search.home_mm;
             }
             from_s = turn_ends_s;
         }
         Homed { end_s: from_s, offset_mm }
     }
 
+    /// States what the axes count where they come to rest, mm.
+    pub(in crate::emulator) fn count_from(&mut self, counts_mm: [f64; 3], scene: &Scene) {
+        self.offset_mm = std::array::from_fn(|n| scene.motion(Axis::ALL[n]).end_mm() - counts_mm[n]);
+    }
+
+    /// Moves the axes by a distance, mm, that isn't counted, up to the ends of the frame. They move by weight or by hand.
+    pub(in crate::emulator) fn slip(&mut self, by_mm: [f64; 3], scene: &mut Scene, now_s: f64) {
+        for axis in Axis::ALL.into_iter().filter(|axis| by_mm[axis.index()] != 0.0) {
+            let n = axis.index();
+            let (min_mm, max_mm) = self.board.ends_mm(n);
+            let from_mm = scene.motion(axis).end_mm();
+            let to_mm = (from_mm + by_mm[n]).clamp(min_mm, max_mm);
+            let way = Trajectory::to(now_s, commanded(scene, axis, now_s), to_mm, SLIP_MM_S, SLIP_MM_S2);
+            scene.set_motion(axis, way, now_s);
+            self.offset_mm[n] += to_mm - from_mm;
+        }
+    }
+
     /// Ends the search for home: the position is now known.
-    pub(super) fn is_home(&mut self, homed: Homed) {
+    pub(in crate::emulator) fn is_home(&mut self, homed: Homed) {
         self.offset_mm = homed.offset_mm;
     }
 
@@ -305,18 +359,14 @@ impl Machine {
         end_s
     }
 
-    fn homing_way(&self, axis: Axis, from_s: f64, scene: &Scene) -> Trajectory {
-        let settings: &BoardSettings = &self.board.settings;
-        let (switch_mm, off_mm) = self.board.switch_mm(axis.index());
-        let (seek_mm_s, locate_mm_s) = (settings.seek_mm_s(), settings.locate_mm_s());
+    fn homing_way(&self, axis: Axis, phases: &[(f64, f64)], rest_s: f64, from_s: f64, scene: &Scene) -> Trajectory {
         let start_mm = scene.motion(axis).end_mm();
-        let phases = [(switch_mm, seek_mm_s), (off_mm, seek_mm_s), (switch_mm, locate_mm_s), (off_mm, locate_mm_s)];
         let mut way = rest(start_mm, from_s);
         let mut at = (from_s, start_mm);
-        for (target_mm, speed_mm_s) in phases {
-            let acceleration_mm_s2 = settings.acceleration_mm_s2(axis.index());
+        for &(target_mm, speed_mm_s) in phases {
+            let acceleration_mm_s2 = self.board.settings.acceleration_mm_s2(axis.index());
             let leg = Trajectory::to(at.0, (at.1, 0.0), target_mm, speed_mm_s, acceleration_mm_s2);
-            at = (leg.end_s() + settings.debounce_s(), target_mm);
+            at = (leg.end_s() + rest_s, target_mm);
             way = way.then(&leg);
         }
         way

@@ -19,7 +19,7 @@ mod board;
 mod fault;
 mod gcode;
 mod line;
-mod machine;
+pub(in crate::emulator) mod machine;
 mod report;
 mod settings;
 #[cfg(test)]
@@ -28,6 +28,7 @@ mod tests;
 use super::{Instrument, Owed, Shared};
 use crate::scene::{Scene, SceneDevice};
 pub use board::{MotionBoard, ROOM_MM};
+pub(in crate::emulator) use settings::BoardSettings;
 
 use fault::GrblError;
 use gcode::{BlockOrder, GcodeLine, Modal};
@@ -240,7 +241,11 @@ impl GrblEmulator {
                 reply.line("[MSG:Reset to continue]");
             }
             BlockOrder::Go { to_mm, feed_mm_min } => {
-                self.machine.add(PlannedLine { to_mm, feed_mm_min, jog: false }, scene, now_s);
+                self.machine.add(
+                    PlannedLine { to_mm, feed_mm_min, most_mm_s2: f64::INFINITY, jog: false },
+                    scene,
+                    now_s,
+                );
             }
             BlockOrder::Dwell(_) | BlockOrder::Nothing => {}
         }
@@ -299,7 +304,7 @@ impl GrblEmulator {
             if self.beyond_travel(to_mm) {
                 return Err(GrblError::TravelExceeded);
             }
-            self.machine.add(PlannedLine { to_mm, feed_mm_min, jog: true }, scene, now_s);
+            self.machine.add(PlannedLine { to_mm, feed_mm_min, most_mm_s2: f64::INFINITY, jog: true }, scene, now_s);
         }
         Ok(())
     }

@@ -58,7 +58,7 @@ const SEEK_MM_MIN: u16 = 25;
 const DEBOUNCE_MS: u16 = 26;
 const PULL_OFF_MM: u16 = 27;
 // the first of three, for x
-const STEPS_PER_MM: u16 = 100;
+pub(super) const STEPS_PER_MM: u16 = 100;
 pub(super) const RATE_MM_MIN: u16 = 110;
 pub(super) const ACCELERATION_MM_S2: u16 = 120;
 pub(super) const TRAVEL_MM: u16 = 130;
