@@ -2,6 +2,7 @@
 
 use super::Halt;
 use super::execute::Runner;
+use super::rig_control::KnownOutputs;
 use super::window::MeasuredWindow;
 use palpate_control::{
     Averaged, Context, ForceLoop, LearnedContact, LoopCommand, LoopEvent, MeasuredContact, Moment, NoLoadReadings,
@@ -214,7 +215,7 @@ impl Runner<'_> {
         self.rig_control.cell.force_n().await?;
         let mut levels: Vec<MeasuredLevel> = Vec::with_capacity(task.levels.len());
         let mut went: Option<([f64; 2], u64)> = None;
-        let mut known = no_load.outputs.clone();
+        let mut known = KnownOutputs { outputs: no_load.outputs.clone(), light_n: None };
         let mut event = LoopEvent::Begin { z_mm: self.rig_control.z_mm, no_load: no_load.force };
         loop {
             let moment = Moment { now_s: self.rig_control.cell.now_s(), age_s: self.rig_control.cell.age_s() };

@@ -31,6 +31,14 @@ pub(super) const OUTPUT_LOOKS: usize = 3;
 /// Number of force readings that detect a light touch, and least mean above zero, in sd.
 const LIGHT_READINGS: u32 = 20;
 const LIGHT_SIGMAS: f64 = 4.0;
+
+/// Outputs at rest, before the first touch.
+pub(super) struct KnownOutputs {
+    /// Outputs of the last look at which they hadn't moved.
+    pub outputs: Vec<f64>,
+    /// Force of a touch too light to count as contact, N, if there was one.
+    pub light_n: Option<f64>,
+}
 /// Least number of output readings without load, and largest number on the way from place to place. The largest number is that of a
 /// window.
 const NO_LOAD_OUTPUTS: u32 = 10;
@@ -401,22 +409,25 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
 
     /// Checks that the outputs still equal the outputs of the last check, `known`, or the outputs without load. Before the first touch,
     /// the outputs are a second witness. A cell that reads zero with plausible noise under any load shows nothing of a contact. A
-    /// touch too light to count as contact also moves the outputs; then a mean of the force shows the touch.
-    pub(super) async fn check_outputs_rest(&mut self, known: &mut Vec<f64>, array: &ArraySpec) -> Result<(), Halt> {
+    /// touch too light to count as contact also moves the outputs; then a mean of the force shows the touch. If they move again without
+    /// a larger force, the cell doesn't show the contact.
+    pub(super) async fn check_outputs_rest(&mut self, known: &mut KnownOutputs, array: &ArraySpec) -> Result<(), Halt> {
         let mut now = vec![0.0; self.array.units()];
         let mut worst = (0.0, 0.0);
         for _ in 0..OUTPUT_LOOKS {
             self.array.read(&mut now).await?;
-            match moved_beyond(known, &now, &self.no_load_sigmas, array.range_v) {
+            match moved_beyond(&known.outputs, &now, &self.no_load_sigmas, array.range_v) {
                 Some(beyond) => worst = beyond,
                 None => {
-                    known.clone_from(&now);
+                    known.outputs.clone_from(&now);
                     return Ok(());
                 }
             }
         }
         let force_n = self.cell.mean_n(LIGHT_READINGS).await?;
-        if force_n > LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(LIGHT_READINGS) {
+        let least_n = LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(LIGHT_READINGS);
+        if force_n > known.light_n.unwrap_or(0.0) + least_n {
+            known.light_n = Some(force_n);
             return Ok(());
         }
         let moved = Trip::new(SafetyRule::OutputsMoved, worst.0, worst.1, &array.unit);
