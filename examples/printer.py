@@ -5,9 +5,9 @@ As it stands it is a printer in memory that moves in real time. Try it:  python3
     {"id": 1, "do": "identify"}
 
 Your printer's firmware must report where the axes are while they move, and must stop a motion at once without losing its
-position. Marlin can do neither. Klipper reports the position (`motion_report` of its API server, docs/Status_Reference.md), but
+position. Klipper reports the position (`motion_report` of its API server, docs/Status_Reference.md), but
 begins a motion 0.25 s after the command and has no way to end one early but `emergency_stop`, which loses the position
-(klippy/toolhead.py, BUFFER_TIME_START). GRBL can do both: palpate has a driver for it.
+(klippy/toolhead.py, BUFFER_TIME_START). palpate has drivers for GRBL and Marlin.
 """
 
 import json

@@ -46,7 +46,7 @@ enum Start {
     Barometer,
     /// 4 x 4 sensors on a stage without a load cell, pressed by depth
     Depth,
-    /// A 3D printer as the stage, behind a program of yours
+    /// A 3D printer with Marlin as the stage, and an HX711 with a load cell
     Printer,
     /// Tables of presses that another program recorded
     Tables,
@@ -101,14 +101,12 @@ impl Start {
                 let recipe = include_str!("init/depth-recipe.toml").to_owned();
                 bench(recipe, include_str!("init/depth-rig.toml"), "depth", " --simulate")
             }
-            Start::Printer => {
-                let rig = shipped(RIGS, "printer").replace("examples/printer.py", "stage.py").replace("examples/", "");
-                let recipe = include_str!("init/printer-recipe.toml").to_owned();
-                let mut template = bench(recipe, &rig, "printer", " --simulate");
-                template.files.extend(PRINTER.map(|(name, text)| (name.to_owned(), text.to_owned())));
-                template.next += "Replace the class Printer of stage.py by one for your printer.\n";
-                template
-            }
+            Start::Printer => bench(
+                include_str!("init/printer-recipe.toml").to_owned(),
+                shipped(RIGS, "marlin"),
+                "printer",
+                " --simulate",
+            ),
             Start::Example => Template {
                 files: EXAMPLE.map(|(name, text)| (name.to_owned(), text.to_owned())).to_vec(),
                 next: "  palpate run short.toml\n  \
@@ -162,13 +160,6 @@ const EXAMPLE: [(&str, &str); 9] = [
     ("calibration.csv", include_str!("../../data/example/calibration.csv")),
     ("test.csv", include_str!("../../data/example/test.csv")),
     ("stage.py", include_str!("../../examples/stage.py")),
-    ("load_cell.py", include_str!("../../examples/load_cell.py")),
-    ("array.py", include_str!("../../examples/array.py")),
-];
-
-/// Programs of a printer's bench.
-const PRINTER: [(&str, &str); 3] = [
-    ("stage.py", include_str!("../../examples/printer.py")),
     ("load_cell.py", include_str!("../../examples/load_cell.py")),
     ("array.py", include_str!("../../examples/array.py")),
 ];

@@ -10,6 +10,7 @@ mod first_descent;
 mod gain;
 mod host;
 mod machine;
+mod marlin;
 mod printer;
 mod reaction;
 mod safety;

@@ -11,8 +11,20 @@ use palpate_testing::{campaign, shipped_text};
 const QUICK: usize = 6;
 
 const RECIPES: [&str; 6] = ["paper", "calibrate", "characterise", "test", "bench", "batch"];
-const RIGS: [&str; 11] =
-    ["sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "matrix", "process", "printer", "batch"];
+const RIGS: [&str; 12] = [
+    "sim",
+    "paper",
+    "bench-esp301",
+    "bench-fast",
+    "esp301",
+    "xps",
+    "grbl",
+    "marlin",
+    "matrix",
+    "process",
+    "printer",
+    "batch",
+];
 
 struct VirtualTimeDeaf;
 

@@ -52,6 +52,7 @@ impl StageBench {
             by_hand: false,
             steps: Steps::FINE,
             home_search: HomeSearch::Away,
+            finishes: false,
         };
         let driver = Esp301::new(Connector::Memory(Box::new(dial)), "bench".to_owned());
         StageBench { driver, instrument, scene, usage, origin }

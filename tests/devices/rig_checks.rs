@@ -205,7 +205,7 @@ fn align_writes_nothing_of_a_poor_fit_a_dry_run_or_a_real_rigs_simulation() {
 }
 
 #[test]
-fn a_rig_that_mixes_a_program_with_simulated_links_is_refused_and_marlin_is_with_its_reason() {
+fn a_rig_that_mixes_a_program_with_simulated_links_is_refused_and_a_printer_with_switches() {
     let mixed = exchanged(
         &shipped_text("rigs/sim.toml"),
         "driver = { modbus = \"labjack-t7\" }\nlink = \"sim\"                             # tcp://192.168.1.10:502",
@@ -216,11 +216,7 @@ fn a_rig_that_mixes_a_program_with_simulated_links_is_refused_and_marlin_is_with
     let output = bench.palpate_ends(2, "doctor mixed.toml");
     assert!(output.running().contains("some links are simulated and others are real"), "{}", output.err);
     let output = bench.palpate_ends(2, "doctor marlin.toml");
-    assert!(
-        output.running().contains("Marlin can't control a force: it reports where a motion will end"),
-        "{}",
-        output.err
-    );
+    assert!(output.running().contains("a printer can't be stopped while it searches for home"), "{}", output.err);
 }
 
 #[cfg(unix)]

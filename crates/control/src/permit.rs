@@ -4,7 +4,7 @@ use super::drag::DragLimits;
 use super::speed::safe_speed_mm_s;
 use super::trip::{SafetyRule, Trip};
 use super::zero::Zero;
-use palpate_core::quantity::{Limits, Steps};
+use palpate_core::quantity::{Axis, Limits, Steps};
 
 /// Part of the depth limit that is reserved for the error of the touched surface, mm.
 pub const DEPTH_MARGIN_MM: f64 = 0.03;
@@ -106,6 +106,8 @@ pub struct Permit {
     sigma_n: f64,
     /// Steps of the stage, which end a motion deeper than its target.
     steps: Steps,
+    /// Whether the stage finishes every motion that it accepted.
+    finishes: bool,
 }
 
 impl Permit {
@@ -120,6 +122,7 @@ impl Permit {
             detect_n: zero.detect_n(),
             sigma_n: zero.sigma_n,
             steps: Steps::FINE,
+            finishes: false,
         }
     }
 
@@ -128,6 +131,12 @@ impl Permit {
     #[must_use]
     pub fn on(self, steps: Steps) -> Self {
         Permit { steps, ..self }
+    }
+
+    /// Returns the permit for a stage that can't be stopped: each approach then ends where a contact adds no more than a touch.
+    #[must_use]
+    pub fn finishing(self, finishes: bool) -> Self {
+        Permit { finishes, ..self }
     }
 
     /// Returns the permit of a rig that allows these drags.
@@ -159,8 +168,20 @@ impl Permit {
         by_force.min(by_depth).min(most_mm) - self.steps.reserve_mm()
     }
 
-    /// Returns the fastest approach, mm/s, that keeps the force at most `force_n` at an unexpected contact.
+    /// Returns the longest way of one approach, mm, if nothing can stop it: a contact of the declared stiffness adds at most `force_n`.
+    pub fn approach_way_mm(&self, force_n: f64) -> f64 {
+        if !self.finishes {
+            return f64::INFINITY;
+        }
+        (force_n / self.limits.stiffness_n_mm).max(self.steps.along(Axis::Z))
+    }
+
+    /// Returns the fastest approach, mm/s, that keeps the force at most `force_n` at an unexpected contact. A stage that can't be stopped
+    /// has no reaction time: its way alone limits the force.
     pub fn approach_speed_mm_s(&self, force_n: f64) -> f64 {
+        if self.finishes {
+            return f64::INFINITY;
+        }
         let room_n = force_n - self.detect_n;
         safe_speed_mm_s(room_n, self.limits.stiffness_n_mm, self.reaction_s, self.acceleration_mm_s2)
     }

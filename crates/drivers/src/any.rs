@@ -1,7 +1,7 @@
 //! Enums over all drivers of a role, because a rig file selects the driver at run time. A driver has one line in the list of each
 //! of its roles. The identity that a device reports is prepared for display here.
 
-use super::{MissingLoadCell, daqmx, esp301, grbl, lines, modbus, process, xps};
+use super::{MissingLoadCell, daqmx, esp301, grbl, lines, marlin, modbus, process, xps};
 use palpate_core::quantity::{Axis, ForceReading};
 use palpate_link::device::{DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage, StageUse};
 use std::time::Duration;
@@ -116,6 +116,7 @@ stages! {
     Esp301(esp301::Esp301),
     Xps(Box<xps::Xps>),
     Grbl(grbl::Grbl),
+    Marlin(marlin::Marlin),
     Process(process::ProcessStage),
 }
 

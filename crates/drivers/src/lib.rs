@@ -7,6 +7,7 @@ pub mod daqmx;
 mod esp301;
 pub mod grbl;
 pub mod lines;
+pub mod marlin;
 pub mod modbus;
 mod mounting;
 mod no_load_cell;

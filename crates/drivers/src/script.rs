@@ -79,6 +79,7 @@ pub(crate) fn usage() -> StageUse {
         by_hand: false,
         steps: Steps::FINE,
         home_search: HomeSearch::Away,
+        finishes: false,
     }
 }
 

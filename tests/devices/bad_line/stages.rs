@@ -134,6 +134,7 @@ impl BadStageTrial {
             by_hand: false,
             steps: Steps::FINE,
             home_search: HomeSearch::Away,
+            finishes: false,
         };
         let orders = MotionOrders::default();
         let limit_s = deadlines(self.subject).prepare_s;

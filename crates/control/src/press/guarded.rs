@@ -72,16 +72,18 @@ impl ForceLoop {
     /// Descends slowly until the force shows contact. The motion ends at a safe point even if nothing stops it.
     pub(super) fn approach(&mut self) -> Result<LoopCommand, Trip> {
         let search_mm = self.context.expected.last_mm + SEARCH_MM;
-        let target_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.context()).min(search_mm));
+        let share = if self.is_by_depth() { TOUCH_DEPTH_SHARE } else { TOUCH_SHARE };
+        let detect_n = self.context.zero.detect_n();
+        let touch_n = (share * self.level_n()).min(TOUCH_MOST_N).max(1.2 * detect_n);
+        // above the earliest contact the permit alone limits the way: an obstacle there gets the largest force at most
+        let look_mm = self.z_mm.max(self.first_mm) + self.context.permit.approach_way_mm(touch_n);
+        let target_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.context()).min(search_mm).min(look_mm));
         self.steps += 1;
         let looks_max = if self.context.expected.touched { LOOKS_MAX } else { FIRST_LOOKS_MAX };
         if target_mm - self.z_mm < STEP_LEAST_MM || self.steps > looks_max {
             return Err(Trip::new(SafetyRule::NoContact, self.z_mm, search_mm, "mm"));
         }
-        let share = if self.is_by_depth() { TOUCH_DEPTH_SHARE } else { TOUCH_SHARE };
-        let touch_n = (share * self.level_n()).min(TOUCH_MOST_N);
-        let detect_n = self.context.zero.detect_n();
-        let speed = self.context.permit.approach_speed_mm_s(touch_n.max(1.2 * detect_n));
+        let speed = self.context.permit.approach_speed_mm_s(touch_n);
         let most_mm_s = if self.context.expected.touched { APPROACH_MOST_MM_S } else { self.context.approach_mm_s };
         self.advance(PressState::Approaching, target_mm, speed.min(most_mm_s).min(self.context.speed_mm_s))
     }

@@ -92,6 +92,7 @@ mod tests {
             unforced_mm: None,
             drag: None,
             three_axes: false,
+            finishes: false,
         };
         let plan = Plan::new(&recipe, &ground, 1).unwrap();
         let truths = Truths { layout: &layout, u_place_mm, u_force_n: Some(0.005) };

@@ -40,6 +40,8 @@ pub struct Ground<'a> {
     pub drag: Option<DragLimits>,
     /// Whether the load cell has three axes.
     pub three_axes: bool,
+    /// Whether the stage finishes every motion that it accepted.
+    pub finishes: bool,
 }
 
 impl Plan {
@@ -65,6 +67,7 @@ impl Plan {
             check_force(step, ground, &mut problems);
             check_depth(step, ground, &mut problems);
             check_drags(step, ground, &mut problems);
+            check_strategy(step, ground, &mut problems);
             // counted before any is made
             if step.count(ground.layout).saturating_add(presses) > recipe.presses_max {
                 problems.push(recipe.too_long(step, ground.layout));
@@ -331,6 +334,14 @@ fn check_depth(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
         );
         let help = "press less deep, or raise `limits.depth_mm` in the rig if the specimen can take it";
         problems.push(Problem::new(step.load_span.clone(), text).help(help));
+    }
+}
+
+/// Checks that a stage that finishes every motion isn't asked to change its speed or to stop within one.
+fn check_strategy(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
+    if ground.finishes && step.manner.strategy == Strategy::Velocity && step.load.most_mm() == 0.0 {
+        let text = "the strategy \"velocity\" needs a stage that changes its speed, and this one finishes each motion unchanged";
+        problems.push(Problem::new(step.places_span.clone(), text).help("write `strategy = \"guarded\"`"));
     }
 }
 

@@ -22,6 +22,7 @@ fn plan_with(steps: &str, seed: u64, change: impl Fn(Recipe) -> Recipe) -> Resul
         unforced_mm: None,
         drag: None,
         three_axes: false,
+        finishes: false,
     };
     let recipe = parse("r.toml", &format!("name = \"r\"\n{steps}"))?;
     Plan::new(&change(recipe), &ground, seed)

@@ -72,8 +72,7 @@ impl Grbl {
         // opening the port resets many boards: a welcome before this doesn't count
         self.port.restarted = false;
         if said.iter().any(|text| text.contains("Marlin") || text.starts_with("echo:")) {
-            let words = "this is Marlin, which can't control a force: it reports where a motion will end, not where the axes \
-                        are, and can't stop a motion immediately. GRBL 1.1 runs on most of the same boards";
+            let words = "this is Marlin: write `driver = \"marlin\"` in [stage]";
             return Err(self.port.error(doing, DeviceProblem::Mismatch(words.to_owned())));
         }
         asked?;

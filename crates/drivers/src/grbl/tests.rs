@@ -89,10 +89,10 @@ async fn a_frame_without_switches_is_taken_as_it_counts() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn marlin_is_refused_with_the_reason() {
+async fn marlin_is_refused_with_its_driver() {
     let (mut stage, device) = stage(&[(b"\x85", b""), (b"$I\n", b"echo:Unknown command: \"$I\"\r\nok\r\n")]);
     let text = made_ready(&mut stage, &usage(), &MotionOrders::default()).await.unwrap_err().to_string();
-    assert!(text.contains("this is Marlin, which can't control a force: it reports where a motion will end"), "{text}");
+    assert!(text.contains("this is Marlin: write `driver = \"marlin\"` in [stage]"), "{text}");
     drop(stage);
     device.await.unwrap();
 }

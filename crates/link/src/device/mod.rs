@@ -38,6 +38,8 @@ pub struct StageUse {
     pub steps: Steps,
     /// How z may search for home.
     pub home_search: HomeSearch,
+    /// Whether it finishes every motion that it accepted: a stop only means that no further motion is sent.
+    pub finishes: bool,
 }
 
 /// How z may search for home.

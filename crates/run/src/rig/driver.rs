@@ -9,13 +9,6 @@ use std::sync::Arc;
 
 /// Reads the stage's `driver` and `link`.
 pub(super) fn read_stage_driver(table: &Table, beside: Beside) -> Option<(Arc<dyn StageDriver>, Link)> {
-    if table.text_is(&stage::driver, "marlin") {
-        let text = "Marlin can't control a force: it reports where a motion will end, not where the axes are, and can't \
-                    stop a motion immediately";
-        let help = "GRBL 1.1 runs on most of the same boards: driver = \"grbl\"";
-        table.complain(Problem::new(table.span_of(&stage::driver), text).help(help));
-        return None;
-    }
     read(table, [&stage::driver, &stage::link], |family| family.stage.as_ref(), beside)
 }
 

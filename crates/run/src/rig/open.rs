@@ -117,6 +117,7 @@ impl RigSpec {
             by_hand: self.stage.home == Home::ByHand,
             steps: self.stage.steps,
             home_search: HomeSearch::Away,
+            finishes: self.stage.driver.finishes(),
         }
     }
 

@@ -124,8 +124,14 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         table.complain(Problem::new(table.span_of(&stage::home_side), text).help("remove `home_side`"));
     }
     if home == Some(Home::ByHand) && !driver.homes_by_hand() {
-        let text = "this stage homes to its switches: `home = \"by hand\"` is for GRBL without switches";
+        let text =
+            "this stage homes to its switches: `home = \"by hand\"` is for GRBL without switches, and for Marlin";
         table.complain(Problem::new(table.span_of(&stage::home), text).help("remove `home`"));
+    }
+    if driver.finishes() && home.is_some_and(|home| home != Home::ByHand) {
+        let text = "this stage can't be stopped while it searches for home";
+        let help = "write `home = \"by hand\"`: a person brings the axes to the rig's zero";
+        table.complain(Problem::new(table.span_of(&stage::driver), text).help(help));
     }
     let [speed_mm_s, acceleration_mm_s2, approach_mm_s, settle_ms] = numbers?;
     Some(StageSpec {
@@ -450,7 +456,7 @@ mod tests {
             (
                 "\"esp301\"",
                 "\"esp310\"",
-                "`driver` is \"esp310\", expected one of esp301, esp300, grbl, or a table: { xps = ... }, { process = [...] }",
+                "`driver` is \"esp310\", expected one of esp301, esp300, grbl, marlin, or a table: { xps = ... }, { process = [...] }",
             ),
             ("modbus = \"labjack-t7\"", "modbus = \"labjack\"", "there is no register map \"labjack\""),
             (
@@ -467,7 +473,11 @@ mod tests {
             ("{ modbus = \"labjack-t7\" }", "\"labjack-t7\"", "`driver` is a string, expected a table"),
             ("{ modbus = \"labjack-t7\" }", "3", "`driver` is an integer, expected a table"),
             ("\"esp301\"", "3", "`driver` is an integer, expected a table"),
-            ("\"esp301\"", "{}", "unknown driver: expected one of xps, process, or only a name: esp301, esp300, grbl"),
+            (
+                "\"esp301\"",
+                "{}",
+                "unknown driver: expected one of xps, process, or only a name: esp301, esp300, grbl, marlin",
+            ),
             ("{ modbus = \"labjack-t7\" }", "{}", "unknown driver: expected one of modbus, lines, daqmx, process"),
             ("down = \"-z\"", "down = \"z\"", "`down` is \"z\", expected one of -z, +z"),
         ] {

@@ -319,6 +319,7 @@ impl RigSpec {
             layout: &self.array.layout,
             drag: self.drag,
             three_axes: self.has_three_axes(),
+            finishes: self.stage.driver.finishes(),
             unforced_mm: (!self.has_load_cell()).then(|| self.unforced_mm(self.is_touched)),
         }
     }
@@ -382,6 +383,11 @@ pub trait StageDriver: Driver {
 
     /// Whether it can home z on the specimen's side, and reports whether home is known.
     fn homes_toward(&self) -> bool {
+        false
+    }
+
+    /// Whether it finishes every motion that it accepted, so that no motion may need a stop.
+    fn finishes(&self) -> bool {
         false
     }
 

@@ -20,6 +20,12 @@ const COARSE_MM: f64 = 0.05;
 /// Number of readings averaged before x and y move from rest. Nothing moves sideways in contact.
 const SIDEWAYS_READINGS: u32 = 2;
 
+/// Longest duration of a sideways motion that can't be stopped, s.
+const PIECE_S: f64 = 0.5;
+
+/// Part of its expected duration by which a motion may be late. A controller on a busy computer is.
+const LATE_SHARE: f64 = 0.1;
+
 /// Longest time without an answer after a motion should have ended, s.
 pub(super) const SILENT_S: f64 = 0.5;
 
@@ -74,11 +80,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         permit: &Permit,
         first_mm: f64,
     ) -> Result<(), Halt> {
-        if next == self.place {
+        if next == self.place || self.usage.finishes {
             self.move_z(granted, None).await?;
             self.cell.settle().await?;
             self.begin_no_load();
-            return Ok(());
+            return self.travel(next, permit, first_mm).await;
         }
         let (target_mm, frame) = (self.stage_z_mm(granted.z_mm()), self.frame);
         let there = frame.to_stage(next, granted.z_mm());
@@ -157,8 +163,22 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         self.arrived_z(places_mm.last().copied(), target_mm).await
     }
 
-    /// Moves x and y from rest in the clear.
+    /// Moves x and y from rest in the clear. A stage that can't be stopped moves in pieces, between which the force is read.
     pub(super) async fn travel(&mut self, place: Place, permit: &Permit, first_mm: f64) -> Result<(), Halt> {
+        let (from, way_mm) = (self.place, way_mm(self.place, place));
+        let pieces =
+            if self.usage.finishes { (way_mm / (PIECE_S * self.usage.speed_mm_s)).ceil().max(1.0) } else { 1.0 };
+        for piece in 1..=pieces as u32 {
+            let share = f64::from(piece) / pieces;
+            let along = |from: f64, to: f64| if share < 1.0 { from + share * (to - from) } else { to };
+            let end = Place::new(along(from.x_mm, place.x_mm), along(from.y_mm, place.y_mm));
+            self.travel_once(end, permit, first_mm).await?;
+        }
+        Ok(())
+    }
+
+    /// Moves x and y by one motion.
+    async fn travel_once(&mut self, place: Place, permit: &Permit, first_mm: f64) -> Result<(), Halt> {
         if place == self.place {
             return Ok(());
         }
@@ -210,7 +230,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     ) -> Result<Driven, Halt> {
         let expected = seconds(MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s());
         let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
-        let (orders, due) = (MotionOrders::default(), Cell::new(Some(Instant::now() + expected)));
+        let due_after = expected.mul_f64(1.0 + LATE_SHARE);
+        let (orders, due) = (MotionOrders::default(), Cell::new(Some(Instant::now() + due_after)));
         let ends = Cell::new(None);
         let stage = &mut self.stage;
         let motion = pin!(async {

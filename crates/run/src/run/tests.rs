@@ -118,6 +118,7 @@ fn rig_control<'a>(
         by_hand: false,
         steps: Steps::FINE,
         home_search: HomeSearch::Away,
+        finishes: false,
     };
     let timing = Timing {
         exchange_s: 0.02,

@@ -1,11 +1,19 @@
 //! Every family, and the possible values of `driver` for each role.
 
-use super::{DeviceFamily, daqmx, esp301, grbl, lines, modbus, process, xps};
+use super::{DeviceFamily, daqmx, esp301, grbl, lines, marlin, modbus, process, xps};
 use palpate_document::{Case, Keys, ValueKind};
 
 /// Every family, in the order in which messages name them.
-pub const FAMILIES: [&DeviceFamily; 7] =
-    [&esp301::FAMILY, &grbl::FAMILY, &modbus::FAMILY, &lines::FAMILY, &xps::FAMILY, &daqmx::FAMILY, &process::FAMILY];
+pub const FAMILIES: [&DeviceFamily; 8] = [
+    &esp301::FAMILY,
+    &grbl::FAMILY,
+    &marlin::FAMILY,
+    &modbus::FAMILY,
+    &lines::FAMILY,
+    &xps::FAMILY,
+    &daqmx::FAMILY,
+    &process::FAMILY,
+];
 
 /// Possible values of a role's `driver`, from the families that support the role.
 macro_rules! choice {

@@ -8,6 +8,7 @@ mod esp301;
 mod grbl;
 mod lines;
 mod list;
+mod marlin;
 mod modbus;
 mod process;
 mod xps;

@@ -1,0 +1,125 @@
+//! Lines that a printer sends.
+
+use palpate_core::quantity::Axis;
+
+/// A line from the printer.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum MarlinReport {
+    /// A command was accepted.
+    Ok,
+    /// A command wasn't accepted: the number of the line that is expected next.
+    Resend(u64),
+    /// A command needs more time.
+    Busy,
+    /// The printer started.
+    Start,
+    /// An error, with its text.
+    Error(String),
+    /// Positions.
+    Position(Position),
+    /// Any other text, such as a setting.
+    Text(String),
+}
+
+/// Answer to `M114`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Position {
+    /// End of the queue along x, y and z, mm.
+    pub ends_mm: [f64; 3],
+    /// Counted steps of x, y and z. They are those of the motors.
+    pub steps: [i64; 3],
+}
+
+/// Reads a line. Temperatures are nothing.
+pub(super) fn parse_report(line: &str) -> Option<MarlinReport> {
+    let number = |text: &str| text.split_whitespace().next()?.parse().ok();
+    if line == "ok" || line.starts_with("ok ") {
+        return Some(MarlinReport::Ok);
+    }
+    if let Some(rest) = line.strip_prefix("Resend:").or_else(|| line.strip_prefix("rs ")) {
+        return number(rest).map(MarlinReport::Resend);
+    }
+    if line == "start" {
+        return Some(MarlinReport::Start);
+    }
+    if line.starts_with("echo:busy:") {
+        return Some(MarlinReport::Busy);
+    }
+    if let Some(text) = line.strip_prefix("Error:") {
+        return Some(MarlinReport::Error(text.trim().to_owned()));
+    }
+    if line.starts_with("T:") || line.starts_with("B:") {
+        return None;
+    }
+    Some(parse_position(line).map_or_else(|| MarlinReport::Text(line.to_owned()), MarlinReport::Position))
+}
+
+/// Reads `X:0.00 Y:127.00 Z:145.00 E:0.00 Count X:0 Y:10160 Z:116000`. A blank may follow a colon.
+fn parse_position(line: &str) -> Option<Position> {
+    let (ends, counts) = line.split_once("Count")?;
+    let of = |text: &str, axis: Axis| -> Option<f64> {
+        let (_, rest) = text.split_once(&format!("{}:", axis.name().to_uppercase()))?;
+        rest.split_whitespace().next()?.parse().ok().filter(|number: &f64| number.is_finite())
+    };
+    let all = |text: &str| Some([of(text, Axis::X)?, of(text, Axis::Y)?, of(text, Axis::Z)?]);
+    let steps = all(counts)?;
+    steps.iter().all(|steps| steps.fract() == 0.0).then_some(())?;
+    Some(Position { ends_mm: all(ends)?, steps: steps.map(|steps| steps as i64) })
+}
+
+/// Returns the numbers after X, Y and Z of a setting such as `echo:  M92 X80.00 Y80.00 Z400.00 E93.00`.
+pub(super) fn setting(texts: &[String], name: &str) -> Option<[f64; 3]> {
+    let words = |text: &String| {
+        let text = text.trim_start_matches("echo:").trim().to_owned();
+        text.strip_prefix(name).filter(|rest| rest.starts_with(' ')).map(str::to_owned)
+    };
+    let rest = texts.iter().find_map(words)?;
+    let of = |axis: Axis| {
+        let word = rest.split_whitespace().find_map(|word| word.strip_prefix(&axis.name().to_uppercase()))?;
+        word.parse().ok().filter(|number: &f64| number.is_finite() && *number > 0.0)
+    };
+    Some([of(Axis::X)?, of(Axis::Y)?, of(Axis::Z)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_read_by_their_beginning() {
+        let position = Position { ends_mm: [0.0, 127.0, -1.5], steps: [0, 10160, -600] };
+        let cases = [
+            ("ok", Some(MarlinReport::Ok)),
+            ("ok P15 B3", Some(MarlinReport::Ok)),
+            ("okay", Some(MarlinReport::Text("okay".to_owned()))),
+            ("Resend: 12", Some(MarlinReport::Resend(12))),
+            ("echo:busy: processing", Some(MarlinReport::Busy)),
+            ("start", Some(MarlinReport::Start)),
+            (
+                "Error:Printer halted. kill() called!",
+                Some(MarlinReport::Error("Printer halted. kill() called!".to_owned())),
+            ),
+            ("T:21.50 /0.00 B:20.10 /0.00 @:0 B@:0", None),
+            ("X:0.00 Y:127.00 Z:-1.50 E:0.00 Count X:0 Y:10160 Z:-600", Some(MarlinReport::Position(position))),
+            ("X:0.00 Y:127.00 Z:-1.50 E:0.00 Count X: 0 Y:10160 Z:-600", Some(MarlinReport::Position(position))),
+            (
+                "X:0.00 Y:127.00 Z:-1.50 Count X:0 Y:1",
+                Some(MarlinReport::Text("X:0.00 Y:127.00 Z:-1.50 Count X:0 Y:1".to_owned())),
+            ),
+        ];
+        for (line, report) in cases {
+            assert_eq!(parse_report(line), report, "{line}");
+        }
+        assert_eq!(parse_report("Resend: x"), None);
+    }
+
+    #[test]
+    fn a_setting_is_found_among_the_others() {
+        let texts =
+            ["echo:; Steps per unit:", "echo:  M92 X80.00 Y80.00 Z400.00 E93.00", "echo:  M203 X500 Y500 Z0 E25"];
+        let texts = texts.map(str::to_owned);
+        assert_eq!(setting(&texts, "M92"), Some([80.0, 80.0, 400.0]));
+        assert_eq!(setting(&texts, "M203"), None, "no speed is 0");
+        assert_eq!(setting(&texts, "M9"), None);
+    }
+}

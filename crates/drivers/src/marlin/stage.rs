@@ -1,0 +1,234 @@
+//! The stage: prepared without a motion, moved by one motion at a time, read back by its counted steps.
+
+use super::port::MarlinPort;
+use super::report::setting;
+use crate::MOTION_MARGIN;
+use palpate_core::quantity::{Axis, seconds};
+use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrders, Stage, StageUse};
+use palpate_link::time::{Instant, timeout_at};
+use palpate_link::wire::Connector;
+use std::time::Duration;
+
+/// Least number of steps of a motion. Marlin doesn't make a shorter one, but reports it as made (planner, `MIN_STEPS_PER_SEGMENT`).
+const LEAST_STEPS: i64 = 6;
+
+/// Largest difference between a step that the rig states and that of the printer, as a fraction.
+const STEP_DIFFERENCE: f64 = 1e-3;
+
+/// A printer with Marlin 2 on a serial line.
+pub struct Marlin {
+    port: MarlinPort,
+    link: String,
+    usage: Option<StageUse>,
+    /// Steps per mm of x, y and z, by `M503`.
+    steps_per_mm: [f64; 3],
+    /// Counted steps at the last read-back.
+    at: [i64; 3],
+}
+
+impl Marlin {
+    /// Creates a printer behind a link; nothing is sent yet. `link` is its name in messages.
+    pub fn new(connector: Connector, link: String) -> Self {
+        let port = MarlinPort::new(connector, link.clone());
+        Marlin { port, link, usage: None, steps_per_mm: [f64::NAN; 3], at: [0; 3] }
+    }
+
+    /// Compares the printer's settings with the rig's.
+    async fn read_settings(&mut self, usage: &StageUse) -> Result<(), DeviceError> {
+        let doing = "checking its settings against the rig";
+        self.port.texts.clear();
+        self.port.command(doing, "M503").await?;
+        let texts = std::mem::take(&mut self.port.texts);
+        let missing = |name: &str| format!("`M503` doesn't report {name} with X, Y and Z");
+        let mismatch = |text: String| self.port.error(doing, DeviceProblem::Mismatch(text));
+        let steps_per_mm = setting(&texts, "M92").ok_or_else(|| mismatch(missing("the steps per mm (M92)")))?;
+        let most_mm_s = setting(&texts, "M203").ok_or_else(|| mismatch(missing("the largest speeds (M203)")))?;
+        for axis in Axis::ALL {
+            let (name, stated_mm) = (axis.name(), usage.steps.along(axis));
+            let step_mm = 1.0 / steps_per_mm[axis.index()];
+            // a fine stage is in position within 3 um, which is more than half a step
+            if stated_mm > 0.0 && (stated_mm / step_mm - 1.0).abs() > STEP_DIFFERENCE
+                || stated_mm == 0.0 && step_mm / 2.0 > usage.steps.in_position_mm(axis)
+            {
+                return Err(mismatch(format!(
+                    "a step of {name} is {step_mm:.6} mm by its setting M92, the rig states {stated_mm} mm; write `step_mm.{name} = \
+                     {step_mm:.6}` in [stage] if the printer is set correctly"
+                )));
+            }
+            let speed_mm_s = usage.speed_mm_s;
+            if most_mm_s[axis.index()] < speed_mm_s {
+                let most_mm_s = most_mm_s[axis.index()];
+                return Err(mismatch(format!(
+                    "its largest speed of {name} is {most_mm_s} mm/s by its setting M203, the rig's `speed_mm_s` is {speed_mm_s}"
+                )));
+            }
+        }
+        self.steps_per_mm = steps_per_mm;
+        Ok(())
+    }
+
+    /// Waits for the end of the queue, and reads the counted steps back. Marlin reports a motion as made that it didn't make: a count that
+    /// isn't at the reported end is an error.
+    async fn read_back(&mut self, doing: &str, expected: Duration) -> Result<[f64; 3], DeviceError> {
+        self.port.command_of(doing, "M400", expected).await?;
+        let position = self.port.position(doing).await?;
+        self.at = position.steps;
+        let mut at_mm = [0.0; 3];
+        for axis in Axis::ALL {
+            let (index, name) = (axis.index(), axis.name());
+            let (steps_per_mm, end_mm) = (self.steps_per_mm[index], position.ends_mm[index]);
+            at_mm[index] = position.steps[index] as f64 / steps_per_mm;
+            // half a step, and the rounding of the report
+            if (at_mm[index] - end_mm).abs() > 0.5 / steps_per_mm + REPORT_ROUNDING_MM {
+                let text = format!("it reports {name} at {end_mm} mm, but its motor is at {:.4} mm", at_mm[index]);
+                return Err(self.port.error(doing, DeviceProblem::Motion(text)));
+            }
+            if let Some(usage) = self.usage.as_ref().filter(|usage| !usage.reach(axis).contains(at_mm[index])) {
+                let reach = usage.reach(axis);
+                let text = format!("{name} is at {:.4} mm, outside {} to {} mm", at_mm[index], reach.min, reach.max);
+                return Err(self.port.error(doing, DeviceProblem::Motion(text)));
+            }
+        }
+        Ok(at_mm)
+    }
+
+    /// Returns the end points of the motions that bring the axes to a target, in steps. A shorter way than [`LEAST_STEPS`] first goes
+    /// back, so that it ends in the same direction; along z first away from the specimen, so that it ends toward it.
+    fn legs(&self, to: [i64; 3], away: f64) -> Vec<[i64; 3]> {
+        let way: [i64; 3] = std::array::from_fn(|axis| to[axis] - self.at[axis]);
+        match way.iter().map(|steps| steps.abs()).max().unwrap_or(0) {
+            0 => Vec::new(),
+            LEAST_STEPS.. => vec![to],
+            _ => {
+                let mut back = self.at;
+                let z = Axis::Z.index();
+                if way[z] != 0 {
+                    let away = if away > 0.0 { 1 } else { -1 };
+                    back[z] += away * (LEAST_STEPS + (away * way[z]).max(0));
+                } else {
+                    (0..z).for_each(|axis| back[axis] -= way[axis].signum() * LEAST_STEPS);
+                }
+                vec![back, to]
+            }
+        }
+    }
+
+    /// Sends a motion to whole steps.
+    async fn send_motion(&mut self, doing: &str, to: [i64; 3], speed_mm_s: f64) -> Result<(), DeviceError> {
+        let way_mm: [f64; 3] = std::array::from_fn(|axis| (to[axis] - self.at[axis]) as f64 / self.steps_per_mm[axis]);
+        let longest_mm = way_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
+        let whole_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
+        let words = Axis::ALL.into_iter().filter(|axis| to[axis.index()] != self.at[axis.index()]).map(|axis| {
+            format!("{}{:.5} ", axis.name().to_uppercase(), to[axis.index()] as f64 / self.steps_per_mm[axis.index()])
+        });
+        // the feed is along the path; no axis is faster than the speed
+        let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
+        let line = format!("G1 {}F{feed_mm_min:.1}", words.collect::<String>());
+        self.port.command(doing, &line).await?;
+        self.at = to;
+        Ok(())
+    }
+}
+
+/// Rounding of the positions in the answer to `M114`, which have two decimals.
+const REPORT_ROUNDING_MM: f64 = 0.005 + 1e-9;
+
+impl Stage for Marlin {
+    async fn identify(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
+        let doing = "identifying it";
+        self.usage = None;
+        self.port.wake(doing).await?;
+        self.port.restarted = false;
+        self.port.texts.clear();
+        self.port.command(doing, "M115").await?;
+        let texts = std::mem::take(&mut self.port.texts);
+        let named = texts.iter().find_map(|text| text.split_once("FIRMWARE_NAME:")).map(|(_, name)| name.trim());
+        let name = named.and_then(|name| name.split(" (").next()).unwrap_or_default().to_owned();
+        if !name.starts_with("Marlin") {
+            let expected = "FIRMWARE_NAME:Marlin".to_owned();
+            return Err(self.port.error(doing, DeviceProblem::Misfit { answer: texts.join(" "), expected }));
+        }
+        self.read_settings(usage).await?;
+        // no idle time, no bed levelling (z would follow x and y), no reports of temperatures, absolute mm
+        for command in ["M84 S0", "M420 S0", "M155 S0", "G21", "G90"] {
+            self.port.command(doing, command).await?;
+        }
+        self.read_back(doing, MOTION_MARGIN).await?;
+        Ok(Identity { role: "stage".to_owned(), identity: name, link: self.link.clone(), warnings: Vec::new() })
+    }
+
+    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, _: &MotionOrders) -> Result<bool, DeviceError> {
+        let doing = "moving z a little";
+        let steps = (way_mm * self.steps_per_mm[Axis::Z.index()]).round().max(LEAST_STEPS as f64) as i64;
+        let mut to = self.at;
+        to[Axis::Z.index()] += if usage.away > 0.0 { steps } else { -steps };
+        self.send_motion(doing, to, usage.home_speed_mm_s).await?;
+        self.read_back(doing, seconds(way_mm / usage.home_speed_mm_s)).await?;
+        Ok(true)
+    }
+
+    async fn home(&mut self, usage: &StageUse, _: &MotionOrders) -> Result<(), DeviceError> {
+        let doing = "preparing it";
+        if !usage.by_hand {
+            let text = "a search for home can't be stopped: write `home = \"by hand\"` in [stage]".to_owned();
+            return Err(self.port.error(doing, DeviceProblem::Mismatch(text)));
+        }
+        self.usage = Some(usage.clone());
+        self.read_back(doing, Duration::ZERO).await?;
+        self.port.complaints.clear();
+        Ok(())
+    }
+
+    async fn begin(
+        &mut self,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
+        let doing = "starting a motion";
+        let Some(usage) = self.usage.clone() else {
+            return Err(self.port.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
+        };
+        let mut to = self.at;
+        for (axis, target_mm) in targets {
+            if !usage.travel.along(*axis).contains(*target_mm) {
+                let text = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
+                return Err(self.port.error(doing, DeviceProblem::Motion(text)));
+            }
+            to[axis.index()] = (target_mm * self.steps_per_mm[axis.index()]).round() as i64;
+        }
+        for leg in self.legs(to, usage.away) {
+            if orders.stopped() {
+                return Ok(());
+            }
+            self.send_motion(doing, leg, speed_mm_s).await?;
+        }
+        Ok(())
+    }
+
+    async fn follow(&mut self, axes: &[Axis], expected: Duration, _: &MotionOrders) -> Result<Vec<f64>, DeviceError> {
+        let doing = "waiting for a motion to end";
+        let until = Instant::now() + expected + MOTION_MARGIN;
+        match timeout_at(until, self.read_back(doing, expected)).await {
+            Ok(at_mm) => at_mm.map(|at_mm| axes.iter().map(|axis| at_mm[axis.index()]).collect()),
+            Err(_) => {
+                let text = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+                Err(self.port.error(doing, DeviceProblem::Motion(text)))
+            }
+        }
+    }
+
+    /// Waits for the end of a motion first: what a printer reports before it is the end point.
+    async fn position_mm(&mut self, axis: Axis, _: &MotionOrders) -> Result<f64, DeviceError> {
+        Ok(self.read_back("reading a position", Duration::ZERO).await?[axis.index()])
+    }
+
+    /// Sends nothing: a motion under way ends at its own end point, and the driver sends no further one.
+    async fn stop(&mut self) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
+        Ok(std::mem::take(&mut self.port.complaints))
+    }
+}
