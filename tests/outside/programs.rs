@@ -1,5 +1,5 @@
 //! Programs of others use our emulators: PyMeasure, newportxps, Newport's own driver, pymodbus, mbpoll, grbl-streamer,
-//! NetFT, pynetft.
+//! Printrun, NetFT, pynetft.
 //!
 //! Each test needs `PALPATE_PYTHON`, an interpreter with the packages of `tests/outside/requirements.txt`, or the program itself.
 #![cfg(unix)]
@@ -133,6 +133,15 @@ fn grbl_streamer_drives_the_grbl() {
     let served = ServedProgram::new(&shipped_text("rigs/grbl.toml"), "");
     let output = said(python.script("grbl.py", [served.address("stage")]));
     assert!(output.starts_with("x at "), "{output}");
+}
+
+#[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
+fn printcore_drives_the_marlin() {
+    let python = Python::with("import printrun.printcore");
+    let served = ServedProgram::new(&shipped_text("rigs/marlin.toml"), "");
+    let output = said(python.script("printcore.py", [served.address("stage")]));
+    assert_eq!(output, "FIRMWARE_NAME:Marlin 2.1.2\n");
 }
 
 #[test]
