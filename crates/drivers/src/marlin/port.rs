@@ -1,13 +1,14 @@
-//! Serial line of a printer: numbered commands, each accepted once.
+//! Serial line of a printer: numbered commands, and markers after which no late answer can come.
 
 use super::report::{MarlinReport, Position, parse_report};
-use palpate_link::device::{DeviceError, DeviceProblem};
+use palpate_link::device::{DeviceError, DeviceProblem, MotionOrders};
 use palpate_link::time::Instant;
 use palpate_link::wire::{Connector, LineLink, WireError, silent};
 use std::time::Duration;
 
-/// Longest wait for an answer to a line that was sent again.
+/// Longest wait for an answer to a marker, and how much longer a `busy` makes it. Marlin sends one every two seconds.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(4);
+const BUSY: Duration = Duration::from_millis(2500);
 
 /// Number of times that a line is sent before the driver gives up.
 const SENDS_MAX: usize = 4;
@@ -28,6 +29,9 @@ const LINE_MAX_BYTES: usize = 512;
 /// Largest number of lines that are read for one command. `M503` has some 40, and a late command some `busy`.
 const LINES_MAX: usize = 512;
 
+/// Parts of texts without which a motion would have been made.
+const HINDRANCES: [&str; 3] = ["endstops hit", " First", "Printer stopped"];
+
 /// Largest number of stored error messages, and of stored texts.
 const COMPLAINTS_MAX: usize = 16;
 const TEXTS_MAX: usize = 256;
@@ -36,21 +40,18 @@ const TEXTS_MAX: usize = 256;
 pub(super) struct MarlinPort {
     lines: LineLink,
     link: String,
-    /// Number of the last line that was accepted.
+    /// Number of the last line that was sent.
     number: u64,
+    /// Whether an answer may still come to a line that was sent before.
+    in_doubt: bool,
+    /// Number of the last marker.
+    marker: u64,
     pub complaints: Vec<String>,
     /// Received text that is no report.
     pub texts: Vec<String>,
     position: Option<Position>,
     /// Whether the printer restarted and lost its position.
     pub restarted: bool,
-}
-
-/// End of one attempt to send a line.
-enum Attempt {
-    Accepted,
-    Again,
-    Silent,
 }
 
 impl MarlinPort {
@@ -60,6 +61,8 @@ impl MarlinPort {
             lines,
             link,
             number: 0,
+            in_doubt: true,
+            marker: 0,
             complaints: Vec::new(),
             texts: Vec::new(),
             position: None,
@@ -84,26 +87,120 @@ impl MarlinPort {
             }
             until = Instant::now() + STARTED;
         }
-        self.number = 0;
-        // the number of the line itself is 0
-        self.exchange(doing, "M110 N0", 0, ANSWER_DEADLINE).await
+        self.in_doubt = true;
+        Ok(())
     }
 
-    /// Sends a command that takes no time, and waits until it is accepted. What comes before that is stored in the port's fields.
-    ///
-    /// A line that was damaged is sent again. If no answer comes, the same line with the same number is sent again: a printer that has
-    /// accepted it asks for the next one, so that no motion is made twice.
+    /// Sends a command that takes no time, and waits until it is accepted.
     pub(super) async fn command(&mut self, doing: &str, command: &str) -> Result<(), DeviceError> {
-        self.command_of(doing, command, Duration::ZERO).await
+        self.command_of(doing, command, Duration::ZERO, None).await
     }
 
-    /// Sends a command that takes so long.
-    pub(super) async fn command_of(&mut self, doing: &str, command: &str, takes: Duration) -> Result<(), DeviceError> {
+    /// Sends a command that takes so long, and waits until it is accepted. What comes before that is stored in the port's fields.
+    ///
+    /// If the line was damaged, or its answer was, the port gets in step with the printer and sends the command again. A motion is to an
+    /// absolute place, so that it makes no difference if it was accepted before. A stop ends the attempts.
+    pub(super) async fn command_of(
+        &mut self,
+        doing: &str,
+        command: &str,
+        takes: Duration,
+        orders: Option<&MotionOrders>,
+    ) -> Result<(), DeviceError> {
         self.wake(doing).await?;
-        self.check_restart(doing)?;
-        self.exchange(doing, command, self.number + 1, takes + AGAIN_AFTER).await?;
+        for send in 0..SENDS_MAX {
+            if send > 0 && orders.is_some_and(MotionOrders::stopped) {
+                return Ok(()); // what the read-back shows counts
+            }
+            if self.in_doubt {
+                self.get_in_step(doing).await?;
+            }
+            self.check_restart(doing)?;
+            self.send(doing, command).await?;
+            if self.is_accepted(doing, takes + AGAIN_AFTER).await? {
+                self.in_doubt = false;
+                return self.check_restart(doing);
+            }
+        }
+        Err(self.error(doing, DeviceProblem::Link(silent(command, takes + AGAIN_AFTER).to_string())))
+    }
+
+    /// Sends a line with the next number. Its answer is in doubt until it has come.
+    async fn send(&mut self, doing: &str, command: &str) -> Result<(), DeviceError> {
+        self.in_doubt = true;
         self.number += 1;
-        self.check_restart(doing)
+        self.send_numbered(doing, command).await
+    }
+
+    async fn send_numbered(&mut self, doing: &str, command: &str) -> Result<(), DeviceError> {
+        let text = format!("N{} {command}", self.number);
+        let line = format!("{text}*{}\n", text.bytes().fold(0, |sum, byte| sum ^ byte));
+        self.lines.send(line.as_bytes(), ANSWER_DEADLINE).await.map_err(|error| self.failed(doing, &error))
+    }
+
+    /// Whether the line that was sent last is accepted. It isn't if the printer asks for a line again, or is silent for `wait`.
+    async fn is_accepted(&mut self, doing: &str, wait: Duration) -> Result<bool, DeviceError> {
+        let mut until = Instant::now() + wait;
+        for _ in 0..LINES_MAX {
+            match self.next(doing, until).await? {
+                Some(MarlinReport::Ok) => return Ok(true),
+                Some(MarlinReport::Resend(_)) | None => return Ok(false),
+                Some(report) => {
+                    self.keep(report);
+                    until = until.max(Instant::now() + AGAIN_AFTER); // it is sending
+                    if self.restarted {
+                        return Ok(true); // the caller reports it
+                    }
+                }
+            }
+        }
+        Ok(false)
+    }
+
+    /// Sets the number of the next line, and waits for the echo of a marker: every answer to an earlier line comes before it. A motion
+    /// under way is waited for.
+    async fn get_in_step(&mut self, doing: &str) -> Result<(), DeviceError> {
+        for _ in 0..SENDS_MAX {
+            self.drain(doing).await?;
+            if self.restarted {
+                return Ok(());
+            }
+            // the number of the line itself is 0
+            self.number = 0;
+            self.send_numbered(doing, "M110 N0").await?;
+            self.marker += 1;
+            let marker = format!("palpate{}", self.marker);
+            self.send(doing, &format!("M118 {marker}")).await?;
+            if self.is_echoed(doing, &marker).await? && self.is_accepted(doing, AGAIN_AFTER).await? {
+                self.in_doubt = false;
+                return Ok(());
+            }
+        }
+        Err(self.error(doing, DeviceProblem::Link(silent("M118", ANSWER_DEADLINE).to_string())))
+    }
+
+    async fn is_echoed(&mut self, doing: &str, marker: &str) -> Result<bool, DeviceError> {
+        let mut until = Instant::now() + ANSWER_DEADLINE;
+        for _ in 0..LINES_MAX {
+            match self.next(doing, until).await? {
+                Some(MarlinReport::Text(text)) if text.contains(marker) => return Ok(true),
+                Some(MarlinReport::Busy) => until = until.max(Instant::now() + BUSY),
+                Some(MarlinReport::Resend(_)) | None => return Ok(false),
+                Some(report) => self.keep(report),
+            }
+        }
+        Ok(false)
+    }
+
+    /// Reads what comes until the line is quiet.
+    async fn drain(&mut self, doing: &str) -> Result<(), DeviceError> {
+        for _ in 0..LINES_MAX {
+            match self.next(doing, Instant::now() + QUIET).await? {
+                Some(report) => self.keep(report),
+                None => break,
+            }
+        }
+        Ok(())
     }
 
     /// Sends a command for a position, and returns the position that was reported before it was accepted.
@@ -127,71 +224,6 @@ impl MarlinPort {
         }
     }
 
-    async fn exchange(
-        &mut self,
-        doing: &str,
-        command: &str,
-        number: u64,
-        first_wait: Duration,
-    ) -> Result<(), DeviceError> {
-        let text = format!("N{number} {command}");
-        let line = format!("{text}*{}\n", text.bytes().fold(0, |sum, byte| sum ^ byte));
-        for send in 0..SENDS_MAX {
-            let sent = self.lines.send(line.as_bytes(), ANSWER_DEADLINE).await;
-            sent.map_err(|error| self.failed(doing, &error))?;
-            let wait = if send == 0 { first_wait } else { ANSWER_DEADLINE };
-            match self.attempt(doing, number, wait).await? {
-                Attempt::Accepted if send > 0 => return self.drain(doing).await,
-                Attempt::Accepted => return Ok(()),
-                Attempt::Again | Attempt::Silent => {}
-            }
-        }
-        Err(self.error(doing, DeviceProblem::Link(silent(&text, ANSWER_DEADLINE).to_string())))
-    }
-
-    /// Waits for late answers to a line that was sent more than once.
-    async fn drain(&mut self, doing: &str) -> Result<(), DeviceError> {
-        for _ in 0..LINES_MAX {
-            match self.next(doing, Instant::now() + QUIET).await? {
-                Some(report) => self.keep(report),
-                None => break,
-            }
-        }
-        Ok(())
-    }
-
-    async fn attempt(&mut self, doing: &str, number: u64, wait: Duration) -> Result<Attempt, DeviceError> {
-        let mut until = Instant::now() + wait;
-        let mut resend = None;
-        for _ in 0..LINES_MAX {
-            match self.next(doing, until).await? {
-                // after a request to send again, an `ok` follows that belongs to no command
-                Some(MarlinReport::Ok) => {
-                    return Ok(match resend {
-                        None => Attempt::Accepted,
-                        Some(next) if next == number + 1 => Attempt::Accepted,
-                        Some(_) => Attempt::Again,
-                    });
-                }
-                Some(MarlinReport::Resend(next)) if next == number || next == number + 1 => resend = Some(next),
-                Some(MarlinReport::Resend(next)) => {
-                    let text = format!("it asks for line {next}, but line {number} was sent");
-                    return Err(self.error(doing, DeviceProblem::Refused(text)));
-                }
-                Some(MarlinReport::Busy) => until = until.max(Instant::now() + AGAIN_AFTER),
-                Some(report) => {
-                    self.keep(report);
-                    until = until.max(Instant::now() + AGAIN_AFTER); // it is sending
-                    if self.restarted && number > 0 {
-                        return Ok(Attempt::Accepted); // `command` reports the restart
-                    }
-                }
-                None => return Ok(if resend.is_some() { Attempt::Again } else { Attempt::Silent }),
-            }
-        }
-        Ok(Attempt::Silent)
-    }
-
     async fn next(&mut self, doing: &str, until: Instant) -> Result<Option<MarlinReport>, DeviceError> {
         for _ in 0..LINES_MAX {
             match self.lines.next_by(until).await.map_err(|error| self.failed(doing, &error))? {
@@ -207,14 +239,20 @@ impl MarlinPort {
     }
 
     fn keep(&mut self, report: MarlinReport) {
-        match report {
-            MarlinReport::Start => self.restarted = true,
+        let (list, text, most) = match report {
+            MarlinReport::Start => return self.restarted = true,
+            MarlinReport::Position(position) => return self.position = Some(position),
             // what Resend follows is no complaint
-            MarlinReport::Error(text) if text.contains("Last Line") => {}
-            MarlinReport::Error(text) if self.complaints.len() < COMPLAINTS_MAX => self.complaints.push(text),
-            MarlinReport::Text(text) if self.texts.len() < TEXTS_MAX => self.texts.push(text),
-            MarlinReport::Position(position) => self.position = Some(position),
-            _ => {}
+            MarlinReport::Error(text) if text.contains("Last Line") => return,
+            MarlinReport::Error(text) => (&mut self.complaints, text, COMPLAINTS_MAX),
+            MarlinReport::Text(text) if HINDRANCES.iter().any(|hindrance| text.contains(hindrance)) => {
+                (&mut self.complaints, text, COMPLAINTS_MAX)
+            }
+            MarlinReport::Text(text) => (&mut self.texts, text, TEXTS_MAX),
+            MarlinReport::Ok | MarlinReport::Resend(_) | MarlinReport::Busy => return,
+        };
+        if list.len() < most {
+            list.push(text);
         }
     }
 

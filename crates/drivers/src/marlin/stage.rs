@@ -12,6 +12,12 @@ use std::time::Duration;
 /// Least number of steps of a motion. Marlin doesn't make a shorter one, but reports it as made (planner, `MIN_STEPS_PER_SEGMENT`).
 const LEAST_STEPS: i64 = 6;
 
+/// Longest piece of a nudge, mm. It can't be stopped.
+const NUDGE_PIECE_MM: f64 = 0.05;
+
+/// Largest count of an axis at its zero, mm, where a person brought it.
+const ZERO_MOST_MM: f64 = 0.5;
+
 /// Largest difference between a step that the rig states and that of the printer, as a fraction.
 const STEP_DIFFERENCE: f64 = 1e-3;
 
@@ -22,15 +28,17 @@ pub struct Marlin {
     usage: Option<StageUse>,
     /// Steps per mm of x, y and z, by `M503`.
     steps_per_mm: [f64; 3],
-    /// Counted steps at the last read-back.
+    /// Counted steps at the last read-back, or at the end of the motion that was sent.
     at: [i64; 3],
+    /// What the axes counted when the printer was identified, mm.
+    first_mm: [f64; 3],
 }
 
 impl Marlin {
     /// Creates a printer behind a link; nothing is sent yet. `link` is its name in messages.
     pub fn new(connector: Connector, link: String) -> Self {
         let port = MarlinPort::new(connector, link.clone());
-        Marlin { port, link, usage: None, steps_per_mm: [f64::NAN; 3], at: [0; 3] }
+        Marlin { port, link, usage: None, steps_per_mm: [f64::NAN; 3], at: [0; 3], first_mm: [0.0; 3] }
     }
 
     /// Compares the printer's settings with the rig's.
@@ -43,6 +51,8 @@ impl Marlin {
         let mismatch = |text: String| self.port.error(doing, DeviceProblem::Mismatch(text));
         let steps_per_mm = setting(&texts, "M92").ok_or_else(|| mismatch(missing("the steps per mm (M92)")))?;
         let most_mm_s = setting(&texts, "M203").ok_or_else(|| mismatch(missing("the largest speeds (M203)")))?;
+        let most_mm_s2 =
+            setting(&texts, "M201").ok_or_else(|| mismatch(missing("the largest accelerations (M201)")))?;
         for axis in Axis::ALL {
             let (name, stated_mm) = (axis.name(), usage.steps.along(axis));
             let step_mm = 1.0 / steps_per_mm[axis.index()];
@@ -53,6 +63,13 @@ impl Marlin {
                 return Err(mismatch(format!(
                     "a step of {name} is {step_mm:.6} mm by its setting M92, the rig states {stated_mm} mm; write `step_mm.{name} = \
                      {step_mm:.6}` in [stage] if the printer is set correctly"
+                )));
+            }
+            let (accelerates_mm_s2, acceleration_mm_s2) = (most_mm_s2[axis.index()], usage.acceleration_mm_s2);
+            if accelerates_mm_s2 < acceleration_mm_s2 {
+                return Err(mismatch(format!(
+                    "its largest acceleration of {name} is {accelerates_mm_s2} mm/s^2 by its setting M201, the rig's `acceleration_mm_s2` is \
+                     {acceleration_mm_s2}"
                 )));
             }
             let speed_mm_s = usage.speed_mm_s;
@@ -70,8 +87,12 @@ impl Marlin {
     /// Waits for the end of the queue, and reads the counted steps back. Marlin reports a motion as made that it didn't make: a count that
     /// isn't at the reported end is an error.
     async fn read_back(&mut self, doing: &str, expected: Duration) -> Result<[f64; 3], DeviceError> {
-        self.port.command_of(doing, "M400", expected).await?;
+        self.port.command_of(doing, "M400", expected, None).await?;
         let position = self.port.position(doing).await?;
+        if !self.port.complaints.is_empty() {
+            let text = self.port.complaints.join("; ");
+            return Err(self.port.error(doing, DeviceProblem::Motion(text)));
+        }
         self.at = position.steps;
         let mut at_mm = [0.0; 3];
         for axis in Axis::ALL {
@@ -114,7 +135,13 @@ impl Marlin {
     }
 
     /// Sends a motion to whole steps.
-    async fn send_motion(&mut self, doing: &str, to: [i64; 3], speed_mm_s: f64) -> Result<(), DeviceError> {
+    async fn send_motion(
+        &mut self,
+        doing: &str,
+        to: [i64; 3],
+        speed_mm_s: f64,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         let way_mm: [f64; 3] = std::array::from_fn(|axis| (to[axis] - self.at[axis]) as f64 / self.steps_per_mm[axis]);
         let longest_mm = way_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
         let whole_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
@@ -123,8 +150,8 @@ impl Marlin {
         });
         // the feed is along the path; no axis is faster than the speed
         let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
-        let line = format!("G1 {}F{feed_mm_min:.1}", words.collect::<String>());
-        self.port.command(doing, &line).await?;
+        let line = format!("G1 {}F{feed_mm_min:.3}", words.collect::<String>());
+        self.port.command_of(doing, &line, Duration::ZERO, Some(orders)).await?;
         self.at = to;
         Ok(())
     }
@@ -149,21 +176,33 @@ impl Stage for Marlin {
             return Err(self.port.error(doing, DeviceProblem::Misfit { answer: texts.join(" "), expected }));
         }
         self.read_settings(usage).await?;
-        // no idle time, no bed levelling (z would follow x and y), no reports of temperatures, absolute mm
-        for command in ["M84 S0", "M420 S0", "M155 S0", "G21", "G90"] {
+        // motors on, no idle time, no bed levelling (z would follow x and y), no reports of temperatures, the whole feed, absolute mm
+        for command in ["M17", "M84 S0", "M420 S0", "M155 S0", "M220 S100", "G21", "G90"] {
             self.port.command(doing, command).await?;
         }
-        self.read_back(doing, MOTION_MARGIN).await?;
+        self.first_mm = self.read_back(doing, MOTION_MARGIN).await?;
         Ok(Identity { role: "stage".to_owned(), identity: name, link: self.link.clone(), warnings: Vec::new() })
     }
 
-    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, _: &MotionOrders) -> Result<bool, DeviceError> {
-        let doing = "moving z a little";
-        let steps = (way_mm * self.steps_per_mm[Axis::Z.index()]).round().max(LEAST_STEPS as f64) as i64;
-        let mut to = self.at;
-        to[Axis::Z.index()] += if usage.away > 0.0 { steps } else { -steps };
-        self.send_motion(doing, to, usage.home_speed_mm_s).await?;
-        self.read_back(doing, seconds(way_mm / usage.home_speed_mm_s)).await?;
+    /// Moves in pieces, between which a stop counts.
+    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
+        let (doing, z) = ("moving z a little", Axis::Z.index());
+        let pieces = (way_mm / NUDGE_PIECE_MM).ceil().max(1.0);
+        let piece_mm = way_mm / pieces;
+        for _ in 0..pieces as u32 {
+            if orders.stopped() {
+                break;
+            }
+            let steps = ((piece_mm * self.steps_per_mm[z]).round() as i64).max(LEAST_STEPS);
+            let mut to = self.at;
+            to[z] += if usage.away > 0.0 { steps } else { -steps };
+            self.send_motion(doing, to, usage.home_speed_mm_s, orders).await?;
+            self.read_back(doing, seconds(piece_mm / usage.home_speed_mm_s)).await?;
+            if self.at != to && !orders.stopped() {
+                let text = "z didn't move; does its firmware require a search for home first?".to_owned();
+                return Err(self.port.error(doing, DeviceProblem::Motion(text)));
+            }
+        }
         Ok(true)
     }
 
@@ -171,6 +210,14 @@ impl Stage for Marlin {
         let doing = "preparing it";
         if !usage.by_hand {
             let text = "a search for home can't be stopped: write `home = \"by hand\"` in [stage]".to_owned();
+            return Err(self.port.error(doing, DeviceProblem::Mismatch(text)));
+        }
+        if let Some(axis) = Axis::ALL.into_iter().find(|axis| self.first_mm[axis.index()].abs() > ZERO_MOST_MM) {
+            let (name, counts_mm) = (axis.name(), self.first_mm[axis.index()]);
+            let text = format!(
+                "{name} counted {counts_mm:.2} mm where it was switched on, but the rig's zero is 0: bring the axes to zero, then switch the \
+                 printer off and on"
+            );
             return Err(self.port.error(doing, DeviceProblem::Mismatch(text)));
         }
         self.usage = Some(usage.clone());
@@ -201,7 +248,7 @@ impl Stage for Marlin {
             if orders.stopped() {
                 return Ok(());
             }
-            self.send_motion(doing, leg, speed_mm_s).await?;
+            self.send_motion(doing, leg, speed_mm_s, orders).await?;
         }
         Ok(())
     }

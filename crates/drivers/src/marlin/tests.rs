@@ -9,6 +9,8 @@ use tokio::task::JoinHandle;
 
 const BOOT: (&[u8], &[u8]) = (b"", b"start\nMarlin 2.1.2.4\necho: Last Updated: 2024-01-01\n");
 const NUMBERED: (&[u8], &[u8]) = (b"N0 M110 N0*125\n", b"ok\n");
+/// The first marker, which is line 1.
+const MARKED: (&str, &str) = ("M118 palpate1", "palpate1\nok\n");
 /// What identifies it, and what prepares it.
 const IDENTIFIED: [(&str, &str); 2] = [
     (
@@ -17,13 +19,15 @@ const IDENTIFIED: [(&str, &str); 2] = [
     ),
     (
         "M503",
-        "echo:; Steps per unit:\necho:  M92 X80.00 Y80.00 Z400.00 E93.00\necho:  M203 X500.00 Y500.00 Z10.00 E25.00\nok\n",
+        "echo:; Steps per unit:\necho:  M92 X80.00 Y80.00 Z400.00 E93.00\necho:  M203 X500.00 Y500.00 Z10.00 E25.00\necho:  M201 X500.00 Y500.00 Z100.00 E5000.00\nok\n",
     ),
 ];
-const PREPARED: [(&str, &str); 9] = [
+const PREPARED: [(&str, &str); 11] = [
+    ("M17", "ok\n"),
     ("M84 S0", "ok\n"),
     ("M420 S0", "echo:Bed Leveling OFF\nok\n"),
     ("M155 S0", "ok\n"),
+    ("M220 S100", "ok\n"),
     ("G21", "ok\n"),
     ("G90", "ok\n"),
     ("M400", "ok\n"),
@@ -50,11 +54,11 @@ fn numbered(first: u64, script: &[(&str, &'static str)]) -> Vec<(&'static [u8], 
 
 /// Returns a printer that has been identified and homed at 0, and answers the rest of the script.
 async fn ready(script: &[(&str, &'static str)]) -> (Marlin, JoinHandle<()>) {
-    ready_for(&numbered(12, script)).await
+    ready_for(&numbered(15, script)).await
 }
 
 async fn ready_for(script: &[(&'static [u8], &'static [u8])]) -> (Marlin, JoinHandle<()>) {
-    let all = [BOOT, NUMBERED].into_iter().chain(numbered(1, &[&IDENTIFIED[..], &PREPARED].concat()));
+    let all = [BOOT, NUMBERED].into_iter().chain(numbered(1, &[&[MARKED][..], &IDENTIFIED, &PREPARED].concat()));
     let (link, device) = scripted(Box::leak(all.chain(script.iter().copied()).collect()));
     let mut stage = Marlin::new(link, "script".to_owned());
     let identity = stage.identify(&printer()).await.unwrap();
@@ -73,10 +77,10 @@ async fn moved(stage: &mut Marlin, targets: &[(Axis, f64)]) -> Vec<f64> {
 #[tokio::test(start_paused = true)]
 async fn a_motion_is_sent_awaited_and_read_back_by_its_steps() {
     let (mut stage, device) = ready(&[
-        ("G1 Z-1.00000 F120.0", "ok\n"),
+        ("G1 Z-1.00000 F120.000", "ok\n"),
         ("M400", "echo:busy: processing\necho:busy: processing\nT:21.3 /0.0 B:20.9 /0.0\nok\n"),
         ("M114", "X:0.00 Y:0.00 Z:-1.00 E:0.00 Count X:0 Y:0 Z:-400\nok\n"),
-        ("G1 X3.00000 Y4.00000 F150.0", "ok\n"),
+        ("G1 X3.00000 Y4.00000 F150.000", "ok\n"),
         ("M400", "ok\n"),
         ("M114", "X:3.00 Y:4.00 Z:-1.00 E:0.00 Count X:240 Y:320 Z:-400\nok\n"),
     ])
@@ -92,20 +96,20 @@ async fn a_motion_is_sent_awaited_and_read_back_by_its_steps() {
 async fn a_short_way_lifts_first_and_ends_toward_the_specimen() {
     let (mut stage, device) = ready(&[
         // one step down: six up, seven down
-        ("G1 Z0.01500 F120.0", "ok\n"),
-        ("G1 Z-0.00250 F120.0", "ok\n"),
+        ("G1 Z0.01500 F120.000", "ok\n"),
+        ("G1 Z-0.00250 F120.000", "ok\n"),
         ("M400", "ok\n"),
         ("M114", "X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:-1\nok\n"),
         // two steps up: eight up, six down
-        ("G1 Z0.01750 F120.0", "ok\n"),
-        ("G1 Z0.00250 F120.0", "ok\n"),
+        ("G1 Z0.01750 F120.000", "ok\n"),
+        ("G1 Z0.00250 F120.000", "ok\n"),
         ("M400", "ok\n"),
         ("M114", "X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:1\nok\n"),
         // no step: no motion
         ("M400", "ok\n"),
         ("M114", "X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:1\nok\n"),
-        ("G1 X-0.07500 F120.0", "ok\n"),
-        ("G1 X0.02500 F120.0", "ok\n"),
+        ("G1 X-0.07500 F120.000", "ok\n"),
+        ("G1 X0.02500 F120.000", "ok\n"),
         ("M400", "ok\n"),
         ("M114", "X:0.03 Y:0.00 Z:0.00 E:0.00 Count X:2 Y:0 Z:1\nok\n"),
     ])
@@ -118,17 +122,51 @@ async fn a_short_way_lifts_first_and_ends_toward_the_specimen() {
     device.await.unwrap();
 }
 
+/// After each doubt the port gets in step by a marker, and the command is sent again.
 #[tokio::test(start_paused = true)]
-async fn a_damaged_line_is_sent_again_and_an_accepted_one_is_not_made_twice() {
-    let line = numbered(12, &[("G1 Z-1.00000 F120.0", "")])[0].0;
-    let (mut stage, device) = ready_for(&[
-        (line, b"Error:checksum mismatch, Last Line: 11\nResend: 12\nok\n"),
-        (line, b""), // its `ok` is lost
-        (line, b"Error:Line Number is not Last Line Number+1, Last Line: 12\nResend: 13\nok\n"),
+async fn a_damaged_line_and_one_without_an_answer_are_sent_again_in_step() {
+    let motion = ("G1 Z-1.00000 F120.000", "ok\n");
+    let marked = |marker: u64, motion: (&str, &'static str)| {
+        let text: &'static str = Box::leak(format!("palpate{marker}\nok\n").into_boxed_str());
+        [vec![NUMBERED], numbered(1, &[(&format!("M118 palpate{marker}"), text), motion])].concat()
+    };
+    let script = [
+        numbered(15, &[(motion.0, "Error:checksum mismatch, Last Line: 14\nResend: 15\nok\n")]),
+        marked(2, (motion.0, "")), // its `ok` is lost
+        marked(3, motion),
+        numbered(3, &[("M400", "ok\n"), ("M114", "X:0.00 Y:0.00 Z:-1.00 E:0.00 Count X:0 Y:0 Z:-400\nok\n")]),
+    ];
+    let (mut stage, device) = ready_for(&script.concat()).await;
+    assert_eq!(moved(&mut stage, &[(Axis::Z, -1.0)]).await, [-1.0]);
+    assert!(stage.complaints().await.unwrap().is_empty());
+    drop(stage);
+    device.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn nothing_is_sent_again_after_a_stop() {
+    let (mut stage, device) = ready(&[("G1 Z-1.00000 F120.000", "")]).await;
+    let orders = MotionOrders::default();
+    let begun = async {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+        orders.stop();
+    };
+    let (begun, ()) = tokio::join!(stage.begin(&[(Axis::Z, -1.0)], 2.0, &orders), begun);
+    begun.unwrap();
+    drop(stage);
+    device.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_nudge_that_moves_nothing_is_an_error() {
+    let (mut stage, device) = ready(&[
+        ("G1 Z0.05000 F120.000", "echo:Home XYZ First\nok\n"),
+        ("M400", "ok\n"),
+        ("M114", "X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:0\nok\n"),
     ])
     .await;
-    stage.begin(&[(Axis::Z, -1.0)], 2.0, &MotionOrders::default()).await.unwrap();
-    assert!(stage.complaints().await.unwrap().is_empty());
+    let text = stage.nudge_away(1.0, &printer(), &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("Home XYZ First"), "{text}");
     drop(stage);
     device.await.unwrap();
 }
@@ -136,7 +174,7 @@ async fn a_damaged_line_is_sent_again_and_an_accepted_one_is_not_made_twice() {
 #[tokio::test(start_paused = true)]
 async fn a_motion_that_is_reported_but_not_made_is_an_error() {
     let (mut stage, device) = ready(&[
-        ("G1 Z-1.00000 F120.0", "ok\n"),
+        ("G1 Z-1.00000 F120.000", "ok\n"),
         ("M400", "ok\n"),
         ("M114", "X:0.00 Y:0.00 Z:-1.00 E:0.00 Count X:0 Y:0 Z:-395\nok\n"),
     ])
@@ -151,7 +189,7 @@ async fn a_motion_that_is_reported_but_not_made_is_an_error() {
 
 #[tokio::test(start_paused = true)]
 async fn a_restart_loses_the_position_and_nothing_further_is_sent() {
-    let (mut stage, device) = ready(&[("G1 Z-1.00000 F120.0", "start\nMarlin 2.1.2.4\n")]).await;
+    let (mut stage, device) = ready(&[("G1 Z-1.00000 F120.000", "start\nMarlin 2.1.2.4\n")]).await;
     let orders = MotionOrders::default();
     let text = stage.begin(&[(Axis::Z, -1.0)], 2.0, &orders).await.unwrap_err().to_string();
     assert!(text.contains("it restarted and lost its position"), "{text}");
@@ -163,7 +201,7 @@ async fn a_restart_loses_the_position_and_nothing_further_is_sent() {
 #[tokio::test(start_paused = true)]
 async fn another_step_and_a_search_for_home_are_refused() {
     let script = || {
-        let all = [BOOT, NUMBERED].into_iter().chain(numbered(1, &IDENTIFIED));
+        let all = [BOOT, NUMBERED].into_iter().chain(numbered(1, &[&[MARKED][..], &IDENTIFIED].concat()));
         scripted(Box::leak(all.collect()))
     };
     let (link, device) = script();

@@ -242,8 +242,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let steered = |watched_cell: &mut WatchedLoadCell<'_, C>, force_n: f64| steer(force_n, watched_cell.now_s());
         let places_mm = watched(&mut self.cell, motion, &orders, &due, steered).await?;
         let stopped = orders.stopped();
-        // a complete motion ended with its profile, however late the report came
-        let ended = ends.get().filter(|_| !stopped).unwrap_or_else(Instant::now).min(Instant::now());
+        // a complete motion ended with its profile, however late the report came; a printer begins later than it accepts
+        let ended =
+            ends.get().filter(|_| !stopped && !self.usage.finishes).unwrap_or_else(Instant::now).min(Instant::now());
         self.cell.settled = ended + seconds(self.timing.settle_s);
         Ok(Driven { places_mm, stopped })
     }
