@@ -72,7 +72,7 @@ fn board(spec: &RigSpec, faults: Vec<MarlinFault>) -> MarlinBoard {
 fn presses_are_within_half_a_step_and_take_seconds() {
     for (stiffness_n_mm, conversions_hz, most_s) in [(5.0, 80.0, 6.0), (20.0, 80.0, 6.0), (20.0, 10.0, 10.0)] {
         let spec = printer(stiffness_n_mm, conversions_hz);
-        let plan = presses(&spec, campaign::size(30, 100), 1);
+        let plan = presses(&spec, campaign::size(60, 100), 1);
         let executed = executed_with(&spec, &plan, Deaths::Ignored, &|_| {});
         assert!(executed.ending.halt.is_none(), "{stiffness_n_mm} N/mm: {:?}", executed.ending.text());
         let off_n: Vec<f64> =
