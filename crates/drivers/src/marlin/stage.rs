@@ -89,11 +89,13 @@ impl Marlin {
     async fn read_back(&mut self, doing: &str, expected: Duration) -> Result<[f64; 3], DeviceError> {
         self.port.command_of(doing, "M400", expected, None).await?;
         let position = self.port.position(doing).await?;
-        if !self.port.complaints.is_empty() {
-            let text = self.port.complaints.join("; ");
+        self.at = position.steps;
+        // once: a later motion away from the specimen must be possible
+        let complaints = std::mem::take(&mut self.port.complaints);
+        if !complaints.is_empty() {
+            let text = complaints.join("; ");
             return Err(self.port.error(doing, DeviceProblem::Motion(text)));
         }
-        self.at = position.steps;
         let mut at_mm = [0.0; 3];
         for axis in Axis::ALL {
             let (index, name) = (axis.index(), axis.name());

@@ -163,10 +163,14 @@ async fn a_nudge_that_moves_nothing_is_an_error() {
         ("G1 Z0.05000 F120.000", "echo:Home XYZ First\nok\n"),
         ("M400", "ok\n"),
         ("M114", "X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:0\nok\n"),
+        // reported once, so that z can still be moved away
+        ("M400", "ok\n"),
+        ("M114", AT_ZERO),
     ])
     .await;
     let text = stage.nudge_away(1.0, &printer(), &MotionOrders::default()).await.unwrap_err().to_string();
     assert!(text.contains("Home XYZ First"), "{text}");
+    assert_eq!(stage.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap(), 0.0);
     drop(stage);
     device.await.unwrap();
 }
