@@ -1,6 +1,6 @@
 //! Serial line of a printer: numbered commands, and markers after which no late answer can come.
 
-use super::report::{MarlinReport, Position, parse_report};
+use super::report::{MarlinPosition, MarlinReport, parse_report};
 use palpate_link::device::{DeviceError, DeviceProblem, MotionOrders};
 use palpate_link::time::Instant;
 use palpate_link::wire::{Connector, LineLink, WireError, silent};
@@ -47,9 +47,9 @@ pub(super) struct MarlinPort {
     /// Number of the last marker.
     marker: u64,
     pub complaints: Vec<String>,
-    /// Received text that is no report.
+    /// Received text that is not a report.
     pub texts: Vec<String>,
-    position: Option<Position>,
+    position: Option<MarlinPosition>,
     /// Whether the printer restarted and lost its position.
     pub restarted: bool,
 }
@@ -204,7 +204,7 @@ impl MarlinPort {
     }
 
     /// Sends a command for a position, and returns the position that was reported before it was accepted.
-    pub(super) async fn position(&mut self, doing: &str) -> Result<Position, DeviceError> {
+    pub(super) async fn position(&mut self, doing: &str) -> Result<MarlinPosition, DeviceError> {
         self.position = None;
         self.command(doing, "M114").await?;
         self.position.ok_or_else(|| {

@@ -16,14 +16,14 @@ pub(super) enum MarlinReport {
     /// An error, with its text.
     Error(String),
     /// Positions.
-    Position(Position),
+    Position(MarlinPosition),
     /// Any other text, such as a setting.
     Text(String),
 }
 
 /// Answer to `M114`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Position {
+pub(super) struct MarlinPosition {
     /// End of the queue along x, y and z, mm.
     pub ends_mm: [f64; 3],
     /// Counted steps of x, y and z. They are those of the motors.
@@ -55,7 +55,7 @@ pub(super) fn parse_report(line: &str) -> Option<MarlinReport> {
 }
 
 /// Reads `X:0.00 Y:127.00 Z:145.00 E:0.00 Count X:0 Y:10160 Z:116000`. A blank may follow a colon.
-fn parse_position(line: &str) -> Option<Position> {
+fn parse_position(line: &str) -> Option<MarlinPosition> {
     let (ends, counts) = line.split_once("Count")?;
     let of = |text: &str, axis: Axis| -> Option<f64> {
         let (_, rest) = text.split_once(&format!("{}:", axis.name().to_uppercase()))?;
@@ -64,7 +64,7 @@ fn parse_position(line: &str) -> Option<Position> {
     let all = |text: &str| Some([of(text, Axis::X)?, of(text, Axis::Y)?, of(text, Axis::Z)?]);
     let steps = all(counts)?;
     steps.iter().all(|steps| steps.fract() == 0.0).then_some(())?;
-    Some(Position { ends_mm: all(ends)?, steps: steps.map(|steps| steps as i64) })
+    Some(MarlinPosition { ends_mm: all(ends)?, steps: steps.map(|steps| steps as i64) })
 }
 
 /// Returns the numbers after X, Y and Z of a setting such as `echo:  M92 X80.00 Y80.00 Z400.00 E93.00`.
@@ -87,7 +87,7 @@ mod tests {
 
     #[test]
     fn lines_are_read_by_their_beginning() {
-        let position = Position { ends_mm: [0.0, 127.0, -1.5], steps: [0, 10160, -600] };
+        let position = MarlinPosition { ends_mm: [0.0, 127.0, -1.5], steps: [0, 10160, -600] };
         let cases = [
             ("ok", Some(MarlinReport::Ok)),
             ("ok P15 B3", Some(MarlinReport::Ok)),

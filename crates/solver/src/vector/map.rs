@@ -32,6 +32,10 @@ pub struct VectorMap {
     pub(crate) false_alarms: f64,
     /// Sums of squares that they exceed at this rate, without and with a shear.
     pub(super) misfit_most: [f64; 2],
+    /// Limits of a reading without contact, of the gain of a place beyond the border, and of what a pair leaves.
+    weak_most: f64,
+    beyond_most: f64,
+    pair_most: f64,
     /// Whether most outputs are known less certainly at a place without presses than a reading of one press.
     is_sparse: bool,
 }
@@ -119,16 +123,36 @@ impl VectorMap {
 
     fn with(axes: [Option<AxisMap>; 3], noise: Noise, area: CalibratedArea, outputs: usize) -> Self {
         let coarse = super::solve::Coarse::of(&axes, &noise, area, outputs);
-        let (false_alarms, misfit_most) = (FALSE_ALARMS, [f64::INFINITY; 2]);
-        VectorMap { axes, noise, area, outputs, held: Vec::new(), coarse, false_alarms, misfit_most, is_sparse: false }
-            .with_false_alarms(FALSE_ALARMS)
+        let unlimited = f64::INFINITY;
+        let map = VectorMap {
+            axes,
+            noise,
+            area,
+            outputs,
+            held: Vec::new(),
+            coarse,
+            false_alarms: FALSE_ALARMS,
+            misfit_most: [unlimited; 2],
+            weak_most: unlimited,
+            beyond_most: unlimited,
+            pair_most: unlimited,
+            is_sparse: false,
+        };
+        map.with_false_alarms(FALSE_ALARMS)
     }
 
     /// Returns the same map with another share of single contacts that each limit may call something else. It is 1 % by default.
     pub fn with_false_alarms(self, share: f64) -> Self {
         let sheared = 3 + self.axes[..PRESS].iter().flatten().count();
         let limit = |unknowns: usize| chi2_quantile(self.outputs.saturating_sub(unknowns), share);
-        VectorMap { false_alarms: share, misfit_most: [limit(3), limit(sheared)], ..self }
+        VectorMap {
+            false_alarms: share,
+            misfit_most: [limit(3), limit(sheared)],
+            weak_most: limit(0),
+            beyond_most: chi2_quantile(1, 2.0 * share),
+            pair_most: limit(6),
+            ..self
+        }
     }
 
     /// Returns readings of single contacts without shear at random places, from which limits follow. Each has the errors of one of
@@ -179,12 +203,12 @@ impl VectorMap {
     pub(crate) fn is_weak(&self, outputs: &[f64]) -> bool {
         let squares =
             outputs.iter().enumerate().map(|(output, value)| value * value / self.noise.variance(output, 0.0));
-        squares.sum::<f64>() < chi2_quantile(self.outputs, self.false_alarms)
+        squares.sum::<f64>() < self.weak_most
     }
 
     /// Limit of the decrease of the sum of squares that a place beyond the border gives to a contact in the area.
     pub(crate) fn beyond_most(&self) -> f64 {
-        chi2_quantile(1, 2.0 * self.false_alarms)
+        self.beyond_most
     }
 
     /// Whether a contact in the area explains a reading without these outputs.
@@ -197,7 +221,7 @@ impl VectorMap {
 
     /// Returns the sum of squares that a pair leaves, divided by the limit of the accepted false alarms.
     pub(crate) fn pair_misfit(&self, pair: &Pair) -> f64 {
-        pair.chi2 / chi2_quantile(self.outputs.saturating_sub(6), self.false_alarms)
+        pair.chi2 / self.pair_most
     }
 
     /// Whether the places are so far apart that single contacts may be called something else more often than accepted.
