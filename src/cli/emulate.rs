@@ -6,6 +6,7 @@ use super::summary::print;
 use crate::api::Failure;
 use crate::api::sources::read_rig;
 use miette::IntoDiagnostic;
+use palpate_core::parallel::lock;
 use palpate_link::time::Instant;
 use palpate_run::rig::{EmulatedDevice, FarEnd, RigSpec};
 use palpate_sim::emulator::Shared;
@@ -84,6 +85,7 @@ async fn serve(args: &EmulateArgs, spec: &RigSpec) -> Result<ExitCode, Failure> 
         }
     }
     let mut listening: Vec<(&EmulatedDevice, Listening)> = Vec::new();
+    let mut others = Vec::new();
     for (device, role) in devices {
         let port = args.ports.iter().find(|(name, _)| name == role).map(|(_, port)| *port);
         // two roles of one controller are at one place
@@ -96,18 +98,33 @@ async fn serve(args: &EmulateArgs, spec: &RigSpec) -> Result<ExitCode, Failure> 
             listening.push((device, offered.into_diagnostic().map_err(Failure::usage)?));
         }
         let at = there.or_else(|| listening.iter().rposition(|(other, _)| std::ptr::eq(*other, device)));
-        let listen = at.map(|at| listening[at].1.address());
-        if args.json {
-            let offer = Offer { device: role, protocol: device.protocol, listen };
-            print(&json_line(&offer)?)?;
-        } else {
-            let listen = listen.unwrap_or("no socket: available only within a simulated run");
-            print(&format!("{role:<12}{:<14}{listen}\n", device.protocol))?;
+        show(args, role, device.protocol, at.map(|at| listening[at].1.address()))?;
+        if there.is_none() {
+            for (usual, protocol) in device.ports {
+                let Some(instrument) = device.instrument().and_then(|device| lock(device).at_port(*usual)) else {
+                    continue;
+                };
+                // a program that expects the usual first port expects the others, too
+                let other = if port.is_some_and(|port| port != 0) { *usual } else { 0 };
+                let offered =
+                    listen::tcp((args.listen, other).into(), instrument, simulated.scene.clone(), origin).await;
+                let offered = offered.into_diagnostic().map_err(Failure::usage)?;
+                show(args, role, protocol, Some(offered.address()))?;
+                others.push(offered);
+            }
         }
     }
     cancel.wait().await;
-    drop(listening);
+    drop((listening, others));
     Ok(ExitCode::SUCCESS)
+}
+
+fn show(args: &EmulateArgs, device: &str, protocol: &str, listen: Option<&str>) -> Result<(), Failure> {
+    if args.json {
+        return print(&json_line(&Offer { device, protocol, listen })?);
+    }
+    let listen = listen.unwrap_or("no socket: available only within a simulated run");
+    print(&format!("{device:<12}{protocol:<14}{listen}\n"))
 }
 
 /// Offers a device at its wired link, or on a port; `None` if there is nothing to offer.

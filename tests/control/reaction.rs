@@ -5,7 +5,7 @@ use palpate_data::dataset::Memory;
 use palpate_data::recipe::Entry;
 use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
-use palpate_run::rig::{EmulatedDevice, RigSpec};
+use palpate_run::rig::{Dial, EmulatedDevice, RigSpec};
 use palpate_run::run::{Cancel, Halt, Listener, RunJob, execute_on};
 use palpate_sim::emulator::{Instrument, Shared, serve};
 use palpate_sim::scene::{FaultKind, Scene, SceneFault};
@@ -150,14 +150,14 @@ fn tripped(spec: &RigSpec, from_s: f64, words: ReactionWords) -> (ReactionHeard,
                 heard: heard.clone(),
                 tap,
             };
-            move || line.connector()
+            move |_| line.connector()
         };
         let to_stage = tapped(&simulated.stage, Tap::Stage(words));
         let from = origin + Duration::from_secs_f64(from_s);
         let to_cell = tapped(&simulated.load_cell, Tap::Over(spec.limits.force_n, from));
         let mut rig = spec.open_on(simulated).expect("drivers");
-        rig.instruments.stage = spec.stage_on(&to_stage);
-        rig.instruments.load_cell = spec.load_cell_on(&to_cell, origin).expect("a driver");
+        rig.instruments.stage = spec.stage_on(Dial(&to_stage));
+        rig.instruments.load_cell = spec.load_cell_on(Dial(&to_cell), origin).expect("a driver");
         let (mut ledger, cancel) = (Memory::default(), Cancel::default());
         let job = RunJob { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let ending = execute_on(rig, job, &mut Begin(None)).await;

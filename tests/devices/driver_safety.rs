@@ -1,6 +1,6 @@
 //! Safety of the drivers, each with an emulated device or a scripted far end, in virtual time. True positions come from the scene.
 
-use palpate_core::quantity::{Axis, Down, Steps};
+use palpate_core::quantity::{Axis, Down, StageAbilities, Steps};
 use palpate_drivers::Esp301;
 use palpate_drivers::modbus::{ModbusLoadCell, Profile, Transport};
 use palpate_link::device::{HomeSearch, LoadCell as _, MotionOrders, Stage, StageUse};
@@ -52,7 +52,7 @@ impl StageBench {
             by_hand: false,
             steps: Steps::FINE,
             home_search: HomeSearch::Away,
-            finishes: false,
+            abilities: StageAbilities::FULL,
         };
         let driver = Esp301::new(Connector::Memory(Box::new(dial)), "bench".to_owned());
         StageBench { driver, instrument, scene, usage, origin }

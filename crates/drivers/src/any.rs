@@ -1,7 +1,7 @@
 //! Enums over all drivers of a role, because a rig file selects the driver at run time. A driver has one line in the list of each
 //! of its roles. The identity that a device reports is prepared for display here.
 
-use super::{MissingLoadCell, daqmx, esp301, grbl, lines, marlin, modbus, process, xps};
+use super::{MissingLoadCell, daqmx, esp301, grbl, lines, marlin, modbus, process, ur, xps};
 use palpate_core::quantity::{Axis, ForceReading};
 use palpate_link::device::{DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage, StageUse};
 use std::time::Duration;
@@ -47,6 +47,10 @@ macro_rules! stages {
 
             async fn position_mm(&mut self, axis: Axis, orders: &MotionOrders) -> Result<f64, DeviceError> {
                 match self { $(Self::$name(it) => it.position_mm(axis, orders).await,)+ }
+            }
+
+            fn pace(&self) -> f64 {
+                match self { $(Self::$name(it) => it.pace(),)+ }
             }
 
             async fn stop(&mut self) -> Result<(), DeviceError> {
@@ -117,6 +121,7 @@ stages! {
     Xps(Box<xps::Xps>),
     Grbl(grbl::Grbl),
     Marlin(marlin::Marlin),
+    Ur(Box<ur::Ur>),
     Process(process::ProcessStage),
 }
 

@@ -14,6 +14,7 @@ mod no_load_cell;
 pub mod process;
 #[cfg(test)]
 pub(crate) mod script;
+pub mod ur;
 pub mod xps;
 
 pub use any::{AnyArray, AnyLoadCell, AnyStage};

@@ -1,7 +1,7 @@
 //! Counterpart for a driver's tests: the far end of a link. It expects the sent bytes exactly, and answers as defined in a
 //! script.
 
-use palpate_core::quantity::{Range, Steps, Travel};
+use palpate_core::quantity::{Range, StageAbilities, Steps, Travel};
 use palpate_link::device::{DeviceError, HomeSearch, Identity, MotionOrders, Stage, StageUse};
 use palpate_link::wire::Connector;
 use std::sync::Mutex;
@@ -79,7 +79,7 @@ pub(crate) fn usage() -> StageUse {
         by_hand: false,
         steps: Steps::FINE,
         home_search: HomeSearch::Away,
-        finishes: false,
+        abilities: StageAbilities::FULL,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::{BadLineOutcome, BadLineSubject, rig};
 use palpate_core::parallel::lock;
-use palpate_core::quantity::{Axis, RandomStream, Range, Steps, Travel, stream};
+use palpate_core::quantity::{Axis, RandomStream, Range, StageAbilities, Steps, Travel, stream};
 use palpate_drivers::grbl::Grbl;
 use palpate_drivers::process::ProcessStage;
 use palpate_drivers::xps::{Grouping, Xps};
@@ -134,7 +134,7 @@ impl BadStageTrial {
             by_hand: false,
             steps: Steps::FINE,
             home_search: HomeSearch::Away,
-            finishes: false,
+            abilities: StageAbilities::FULL,
         };
         let orders = MotionOrders::default();
         let limit_s = deadlines(self.subject).prepare_s;

@@ -5,6 +5,7 @@
 //! [`Position`]) and the **specimen frame** ([`Place`] plus a `z_mm` that grows into the specimen and is zero at its nominal
 //! surface). [`Frame`] converts from one to the other.
 
+mod abilities;
 pub mod any_number;
 mod cells;
 mod certificate;
@@ -19,6 +20,7 @@ mod steps;
 mod stream;
 mod tilt;
 
+pub use abilities::StageAbilities;
 pub use cells::cell_centres;
 pub use certificate::{
     AxesCheck, COVERAGE, CROSSTALK_MOST, GAIN_OFF_MOST, LoadCellCertificate, StageCertificate, StatedError, WeightCheck,

@@ -68,7 +68,7 @@ mod tests {
     use super::*;
     use crate::acceptance::SensorVerdict;
     use crate::recipe::Ground;
-    use palpate_core::quantity::{Down, Frame, Limits, Range, Travel};
+    use palpate_core::quantity::{Down, Frame, Limits, Range, StageAbilities, Travel};
 
     /// The reasons why a recipe with these steps and this rule can't be decided.
     fn reasons(characterised: &str, tests: usize, rule: &str, u_place_mm: Option<f64>) -> Vec<String> {
@@ -92,7 +92,7 @@ mod tests {
             unforced_mm: None,
             drag: None,
             three_axes: false,
-            finishes: false,
+            abilities: StageAbilities::FULL,
         };
         let plan = Plan::new(&recipe, &ground, 1).unwrap();
         let truths = Truths { layout: &layout, u_place_mm, u_force_n: Some(0.005) };

@@ -5,7 +5,9 @@ use super::keys::{press, root};
 use super::training::{Entry, training};
 use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, Step, StepLoad, UnitChoice};
 use palpate_control::{DEPTH_MARGIN_MM, Drag, DragLimits, PressLevel, PressTask, SetPoint, Strategy};
-use palpate_core::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, cell_centres, round, stream};
+use palpate_core::quantity::{
+    ArrayLayout, Axis, Frame, Limits, Place, Range, StageAbilities, Travel, cell_centres, round, stream,
+};
 use palpate_document::{PROBLEMS_MAX, Problem, Problems, Span, positions};
 use rand::RngExt;
 use std::sync::Arc;
@@ -40,8 +42,8 @@ pub struct Ground<'a> {
     pub drag: Option<DragLimits>,
     /// Whether the load cell has three axes.
     pub three_axes: bool,
-    /// Whether the stage finishes every motion that it accepted.
-    pub finishes: bool,
+    /// What the stage can do in a motion.
+    pub abilities: StageAbilities,
 }
 
 impl Plan {
@@ -337,9 +339,9 @@ fn check_depth(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
     }
 }
 
-/// Checks that a stage that finishes every motion isn't asked to change its speed or to stop within one.
+/// Checks that a stage isn't asked to change the speed of a motion if it can't.
 fn check_strategy(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
-    if ground.finishes && step.manner.strategy == Strategy::Velocity && step.load.most_mm() == 0.0 {
+    if !ground.abilities.changes_speed && step.manner.strategy == Strategy::Velocity && step.load.most_mm() == 0.0 {
         let text = "the strategy \"velocity\" needs a stage that changes its speed, and this one finishes each motion unchanged";
         problems.push(Problem::new(step.places_span.clone(), text).help("write `strategy = \"guarded\"`"));
     }

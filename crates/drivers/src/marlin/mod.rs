@@ -7,7 +7,7 @@ mod port;
 mod report;
 mod stage;
 
-pub use stage::Marlin;
+pub use stage::{LEAST_STEPS, Marlin};
 
 #[cfg(test)]
 mod tests;

@@ -10,7 +10,7 @@ use palpate_link::wire::Connector;
 use std::time::Duration;
 
 /// Least number of steps of a motion. Marlin doesn't make a shorter one, but reports it as made (planner, `MIN_STEPS_PER_SEGMENT`).
-const LEAST_STEPS: i64 = 6;
+pub const LEAST_STEPS: u32 = 6;
 
 /// Longest piece of a nudge, mm. It can't be stopped.
 const NUDGE_PIECE_MM: f64 = 0.05;
@@ -119,17 +119,18 @@ impl Marlin {
     /// back, so that it ends in the same direction; along z first away from the specimen, so that it ends toward it.
     fn legs(&self, to: [i64; 3], away: f64) -> Vec<[i64; 3]> {
         let way: [i64; 3] = std::array::from_fn(|axis| to[axis] - self.at[axis]);
+        let least = i64::from(LEAST_STEPS);
         match way.iter().map(|steps| steps.abs()).max().unwrap_or(0) {
             0 => Vec::new(),
-            LEAST_STEPS.. => vec![to],
+            longest if longest >= least => vec![to],
             _ => {
                 let mut back = self.at;
                 let z = Axis::Z.index();
                 if way[z] != 0 {
                     let away = if away > 0.0 { 1 } else { -1 };
-                    back[z] += away * (LEAST_STEPS + (away * way[z]).max(0));
+                    back[z] += away * (least + (away * way[z]).max(0));
                 } else {
-                    (0..z).for_each(|axis| back[axis] -= way[axis].signum() * LEAST_STEPS);
+                    (0..z).for_each(|axis| back[axis] -= way[axis].signum() * least);
                 }
                 vec![back, to]
             }
@@ -195,7 +196,7 @@ impl Stage for Marlin {
             if orders.stopped() {
                 break;
             }
-            let steps = ((piece_mm * self.steps_per_mm[z]).round() as i64).max(LEAST_STEPS);
+            let steps = ((piece_mm * self.steps_per_mm[z]).round() as i64).max(i64::from(LEAST_STEPS));
             let mut to = self.at;
             to[z] += if usage.away > 0.0 { steps } else { -steps };
             self.send_motion(doing, to, usage.home_speed_mm_s, orders).await?;

@@ -11,7 +11,7 @@ pub use error::{DeviceError, DeviceProblem};
 pub use orders::{MotionOrder, MotionOrders};
 pub use palpate_core::quantity::{Identity, SHOWN_MAX_CHARS, shown};
 
-use palpate_core::quantity::{Axis, ForceReading, Range, Steps, Travel};
+use palpate_core::quantity::{Axis, ForceReading, Range, StageAbilities, Steps, Travel};
 use std::future::Future;
 use std::time::Duration;
 
@@ -38,8 +38,8 @@ pub struct StageUse {
     pub steps: Steps,
     /// How z may search for home.
     pub home_search: HomeSearch,
-    /// Whether it finishes every motion that it accepted: a stop only means that no further motion is sent.
-    pub finishes: bool,
+    /// What it can do in a motion.
+    pub abilities: StageAbilities,
 }
 
 /// How z may search for home.
@@ -126,6 +126,11 @@ pub trait Stage {
 
     /// Returns the position of an axis. Orders during the call are carried out at once.
     fn position_mm(&mut self, axis: Axis, orders: &MotionOrders) -> impl Future<Output = Result<f64, DeviceError>>;
+
+    /// Share of the ordered speed at which it moves, as it reported last: an arm has a speed slider.
+    fn pace(&self) -> f64 {
+        1.0
+    }
 
     /// Stops all axes at once, without waiting.
     fn stop(&mut self) -> impl Future<Output = Result<(), DeviceError>>;

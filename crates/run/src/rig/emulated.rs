@@ -10,6 +10,8 @@ pub struct EmulatedDevice {
     pub far_end: FarEnd,
     /// Protocol of the device, such as `esp301`, `modbus-rtu` or `daqmx`.
     pub protocol: &'static str,
+    /// Its other TCP ports, and the protocol of each.
+    pub ports: &'static [(u16, &'static str)],
 }
 
 /// Device at the far end of a link, and its type of connection.
@@ -30,22 +32,27 @@ pub enum FarEnd {
 impl EmulatedDevice {
     /// Returns the emulator of an instrument on a serial line.
     pub(super) fn serial<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
-        EmulatedDevice { far_end: FarEnd::Serial(Arc::new(Mutex::new(instrument))), protocol }
+        EmulatedDevice { far_end: FarEnd::Serial(Arc::new(Mutex::new(instrument))), protocol, ports: &[] }
     }
 
     /// Returns the emulator of an instrument on a network.
     pub(super) fn network<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
-        EmulatedDevice { far_end: FarEnd::Network(Arc::new(Mutex::new(instrument))), protocol }
+        EmulatedDevice { far_end: FarEnd::Network(Arc::new(Mutex::new(instrument))), protocol, ports: &[] }
+    }
+
+    /// Adds TCP ports, and the protocol of each.
+    pub(super) fn at_ports(self, ports: &'static [(u16, &'static str)]) -> Self {
+        EmulatedDevice { ports, ..self }
     }
 
     /// Returns the emulator of an instrument that sends datagrams.
     pub(super) fn datagrams<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
-        EmulatedDevice { far_end: FarEnd::Datagrams(Arc::new(Mutex::new(instrument))), protocol }
+        EmulatedDevice { far_end: FarEnd::Datagrams(Arc::new(Mutex::new(instrument))), protocol, ports: &[] }
     }
 
     /// Returns the emulator of a program.
     pub(super) fn pipe<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
-        EmulatedDevice { far_end: FarEnd::Pipe(Arc::new(Mutex::new(instrument))), protocol }
+        EmulatedDevice { far_end: FarEnd::Pipe(Arc::new(Mutex::new(instrument))), protocol, ports: &[] }
     }
 
     /// Returns the instrument at the far end; `None` for a library.

@@ -4,6 +4,7 @@ use super::cell::AdjustedCell;
 use super::emulated::EmulatedDevice;
 use super::simulated::{GroundTruth, SimulatedRig};
 use super::spec::{Dial, Driver, Home, RigSpec, RigWiring};
+use palpate_core::parallel::lock;
 use palpate_core::quantity::Axis;
 use palpate_drivers::{AnyArray, AnyStage};
 use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Instruments, StageUse};
@@ -45,10 +46,10 @@ impl RigSpec {
         let claims = self.claims()?;
         let real = |link: &Link| {
             let link = link.clone();
-            move || Connector::Real(link.clone())
+            move |port| Connector::Real(at_port(link.clone(), port))
         };
         let (stage, load_cell, array) = (real(&self.stage.link), real(&self.load_cell.link), real(&self.array.link));
-        Ok(OpenRig { claims, ..self.wired([&stage, &load_cell, &array], None, Instant::now())? })
+        Ok(OpenRig { claims, ..self.wired([Dial(&stage), Dial(&load_cell), Dial(&array)], None, Instant::now())? })
     }
 
     /// Connects the drivers to links in memory with these devices at the far ends. The time of their scene begins now.
@@ -63,7 +64,7 @@ impl RigSpec {
         let SimulatedRig { scene, stage, load_cell, array } = simulated;
         let [stage, load_cell, array] =
             [stage, load_cell, array].map(|device: EmulatedDevice| in_memory(device, scene.clone(), origin));
-        self.wired([&stage, &load_cell, &array], Some(scene), origin)
+        self.wired([Dial(&stage), Dial(&load_cell), Dial(&array)], Some(scene), origin)
     }
 
     /// Returns the stage's driver on links that the caller opens; nothing is sent.
@@ -117,7 +118,7 @@ impl RigSpec {
             by_hand: self.stage.home == Home::ByHand,
             steps: self.stage.steps,
             home_search: HomeSearch::Away,
-            finishes: self.stage.driver.finishes(),
+            abilities: self.stage.driver.abilities(),
         }
     }
 
@@ -141,10 +142,24 @@ impl RigSpec {
 }
 
 /// Returns links in memory. Each time a link is opened, an emulator begins to serve its other end.
-fn in_memory(device: EmulatedDevice, scene: Shared<Scene>, origin: Instant) -> impl Fn() -> Connector {
-    move || match device.instrument() {
-        Some(instrument) => dial(instrument.clone(), scene.clone(), origin),
-        None => Connector::Real(Link::Sim), // a library has no stream; nobody opens this
+fn in_memory(device: EmulatedDevice, scene: Shared<Scene>, origin: Instant) -> impl Fn(Option<u16>) -> Connector {
+    move |port| {
+        let instrument = device.instrument().and_then(|device| match port {
+            Some(port) => lock(device).at_port(port),
+            None => Some(device.clone()),
+        });
+        match instrument {
+            Some(instrument) => dial(instrument, scene.clone(), origin),
+            None => Connector::Real(Link::Sim), // a library has no stream; nobody opens this
+        }
+    }
+}
+
+/// Returns a link with another TCP port.
+fn at_port(link: Link, port: Option<u16>) -> Link {
+    match (link, port) {
+        (Link::Tcp { host, .. }, Some(port)) => Link::Tcp { host, port },
+        (link, _) => link,
     }
 }
 

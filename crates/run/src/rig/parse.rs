@@ -128,7 +128,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
             "this stage homes to its switches: `home = \"by hand\"` is for GRBL without switches, and for Marlin";
         table.complain(Problem::new(table.span_of(&stage::home), text).help("remove `home`"));
     }
-    if driver.finishes() && home.is_some_and(|home| home != Home::ByHand) {
+    if driver.abilities().finishes() && !driver.knows_home() && home.is_some_and(|home| home != Home::ByHand) {
         let text = "this stage can't be stopped while it searches for home";
         let help = "write `home = \"by hand\"`: a person brings the axes to the rig's zero";
         table.complain(Problem::new(table.span_of(&stage::driver), text).help(help));

@@ -6,8 +6,8 @@ use super::no_load_cell::WithoutLoadCell;
 use super::which_way::{Unattended, WhichWay};
 use palpate_control::{DragLimits, SafetyRule, Timing, Trip, depth_without_force_mm};
 use palpate_core::quantity::{
-    ArrayLayout, AxesCheck, Axis, Down, Frame, GAIN_OFF_MOST, Limits, LoadCellCertificate, Range, StageCertificate,
-    Steps, Travel, WeightCheck,
+    ArrayLayout, AxesCheck, Axis, Down, Frame, GAIN_OFF_MOST, Limits, LoadCellCertificate, Range, StageAbilities,
+    StageCertificate, Steps, Travel, WeightCheck,
 };
 use palpate_data::recipe::Ground;
 use palpate_drivers::daqmx::SharedAcquisition;
@@ -319,7 +319,7 @@ impl RigSpec {
             layout: &self.array.layout,
             drag: self.drag,
             three_axes: self.has_three_axes(),
-            finishes: self.stage.driver.finishes(),
+            abilities: self.stage.driver.abilities(),
             unforced_mm: (!self.has_load_cell()).then(|| self.unforced_mm(self.is_touched)),
         }
     }
@@ -386,8 +386,13 @@ pub trait StageDriver: Driver {
         false
     }
 
-    /// Whether it finishes every motion that it accepted, so that no motion may need a stop.
-    fn finishes(&self) -> bool {
+    /// Returns what it can do in a motion.
+    fn abilities(&self) -> StageAbilities {
+        StageAbilities::FULL
+    }
+
+    /// Whether it knows its position at any time, so that it never searches for home.
+    fn knows_home(&self) -> bool {
         false
     }
 
@@ -462,7 +467,20 @@ pub trait ArrayDriver: Driver {
 }
 
 /// Opens the links of one role, as many as its driver requires.
-pub(super) type Dial<'a> = &'a dyn Fn() -> Connector;
+#[derive(Clone, Copy)]
+pub struct Dial<'a>(pub &'a dyn Fn(Option<u16>) -> Connector);
+
+impl Dial<'_> {
+    /// Returns the rig's link.
+    pub fn link(self) -> Connector {
+        (self.0)(None)
+    }
+
+    /// Returns a link to another TCP port of the device.
+    pub fn port(self, port: u16) -> Connector {
+        (self.0)(Some(port))
+    }
+}
 
 /// Data shared by a rig's drivers when they are opened.
 pub struct RigWiring<'a> {
@@ -495,7 +513,7 @@ impl RigWiring<'_> {
         if let Some((_, port)) = known {
             return port.clone();
         }
-        let port = LinePort::new(dial(), profile.clone());
+        let port = LinePort::new(dial.link(), profile.clone());
         ports.push((link.clone(), port.clone()));
         port
     }

@@ -24,7 +24,7 @@ const SIDEWAYS_READINGS: u32 = 2;
 const PIECE_S: f64 = 0.5;
 
 /// Part of its expected duration by which a motion may be late. A controller on a busy computer is.
-const LATE_SHARE: f64 = 0.1;
+pub(super) const LATE_SHARE: f64 = 0.1;
 
 /// Longest time without an answer after a motion should have ended, s.
 pub(super) const SILENT_S: f64 = 0.5;
@@ -80,7 +80,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         permit: &Permit,
         first_mm: f64,
     ) -> Result<(), Halt> {
-        if next == self.place || self.usage.finishes {
+        if next == self.place || !self.usage.abilities.reports {
             self.move_z(granted, None).await?;
             self.cell.settle().await?;
             self.begin_no_load();
@@ -166,8 +166,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Moves x and y from rest in the clear. A stage that can't be stopped moves in pieces, between which the force is read.
     pub(super) async fn travel(&mut self, place: Place, permit: &Permit, first_mm: f64) -> Result<(), Halt> {
         let (from, way_mm) = (self.place, way_mm(self.place, place));
-        let pieces =
-            if self.usage.finishes { (way_mm / (PIECE_S * self.usage.speed_mm_s)).ceil().max(1.0) } else { 1.0 };
+        let pieces = if self.usage.abilities.finishes() {
+            (way_mm / (PIECE_S * self.usage.speed_mm_s)).ceil().max(1.0)
+        } else {
+            1.0
+        };
         for piece in 1..=pieces as u32 {
             let share = f64::from(piece) / pieces;
             let along = |from: f64, to: f64| if share < 1.0 { from + share * (to - from) } else { to };
@@ -237,14 +240,18 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let motion = pin!(async {
             stage.begin(targets, speed_mm_s, &orders).await?;
             ends.set(Some(Instant::now() + expected));
+            due.set(due.get().map(|_| Instant::now() + due_after.div_f64(stage.pace())));
             Ok(stage.follow(&axes, expected, &orders).await?)
         });
         let steered = |watched_cell: &mut WatchedLoadCell<'_, C>, force_n: f64| steer(force_n, watched_cell.now_s());
         let places_mm = watched(&mut self.cell, motion, &orders, &due, steered).await?;
         let stopped = orders.stopped();
         // a complete motion ended with its profile, however late the report came; a printer begins later than it accepts
-        let ended =
-            ends.get().filter(|_| !stopped && !self.usage.finishes).unwrap_or_else(Instant::now).min(Instant::now());
+        let ended = ends
+            .get()
+            .filter(|_| !stopped && !self.usage.abilities.finishes())
+            .unwrap_or_else(Instant::now)
+            .min(Instant::now());
         self.cell.settled = ended + seconds(self.timing.settle_s);
         Ok(Driven { places_mm, stopped })
     }

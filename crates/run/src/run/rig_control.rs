@@ -427,7 +427,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
         let force_n = self.cell.mean_n(LIGHT_READINGS).await?;
         let least_n = LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(LIGHT_READINGS);
         // an approach in pieces often ends in such a touch; the next piece adds a touch at most, and has to show a larger force
-        let is_first_piece = self.usage.finishes && known.light_n.is_none();
+        let is_first_piece = self.usage.abilities.finishes() && known.light_n.is_none();
         if force_n > known.light_n.unwrap_or(0.0) + least_n || is_first_piece {
             known.light_n = Some(force_n.max(0.0));
             return Ok(());

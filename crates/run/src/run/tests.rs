@@ -4,7 +4,9 @@ use super::rig_control::{RigControl, WatchedLoadCell};
 use super::{Cancel, Halt};
 use crate::rig::GroundTruth;
 use palpate_control::{Permit, SafetyRule, Timing, Watch, Zero};
-use palpate_core::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, Steps, Travel};
+use palpate_core::quantity::{
+    Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, StageAbilities, Steps, Travel,
+};
 use palpate_link::device::{
     DeviceError, HomeSearch, Identity, Instruments, LoadCell, MotionOrders, SensorArray, Stage, StageUse,
 };
@@ -118,7 +120,7 @@ fn rig_control<'a>(
         by_hand: false,
         steps: Steps::FINE,
         home_search: HomeSearch::Away,
-        finishes: false,
+        abilities: StageAbilities::FULL,
     };
     let timing = Timing {
         exchange_s: 0.02,

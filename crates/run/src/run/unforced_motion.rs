@@ -1,7 +1,7 @@
 //! Motions and readings of a rig without a load cell. The outputs are read during every motion: an array that falls silent stops the stage.
 
 use super::Halt;
-use super::motion::{SIDEWAYS, SILENT_S, way_mm};
+use super::motion::{LATE_SHARE, SIDEWAYS, SILENT_S, way_mm};
 use super::rig_control::RigControl;
 use super::window::{OutputMeans, is_saturated};
 use super::without_cell::length;
@@ -106,12 +106,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let RigControl { stage, array, .. } = self;
         let motion = async {
             stage.begin(targets, speed_mm_s, &orders).await?;
+            let due_after = expected.mul_f64(1.0 + LATE_SHARE).div_f64(stage.pace());
             let follow = stage.follow(&axes, expected, &orders);
             tokio::pin!(follow);
             let followed = tokio::select! {
                 biased;
                 followed = &mut follow => Ok(followed?),
-                () = sleep_until(Instant::now() + expected + seconds(SILENT_S)) => {
+                () = sleep_until(Instant::now() + due_after + seconds(SILENT_S)) => {
                     orders.stop();
                     let _ = follow.await; // an exchange isn't abandoned
                     Err(Trip::new(SafetyRule::StageSilent, SILENT_S, SILENT_S, "s").into())

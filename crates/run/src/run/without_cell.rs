@@ -62,7 +62,7 @@ pub(super) async fn execute_without_cell(rig: OpenRig, job: RunJob<'_>, listener
         ledger,
         listener,
         rig_control,
-        permit: permit.on(spec.stage.steps).finishing(spec.stage.driver.finishes()),
+        permit: permit.on(spec.stage.steps).finishing(spec.stage.driver.abilities().finishes()),
         map: ContactMap::new(spec.frame.uncertainty_mm),
         cancel,
         clock,

@@ -29,7 +29,7 @@ impl Driver for Esp301StageSpec {}
 
 impl StageDriver for Esp301StageSpec {
     fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
-        AnyStage::Esp301(Esp301::new(dial(), rig.stage.link.to_string()))
+        AnyStage::Esp301(Esp301::new(dial.link(), rig.stage.link.to_string()))
     }
 
     fn emulated(&self, scene: &Scene, _: &RigSpec) -> EmulatedDevice {

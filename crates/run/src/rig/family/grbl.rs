@@ -26,7 +26,7 @@ impl Driver for GrblStageSpec {}
 
 impl StageDriver for GrblStageSpec {
     fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
-        AnyStage::Grbl(Grbl::new(dial(), rig.stage.link.to_string()))
+        AnyStage::Grbl(Grbl::new(dial.link(), rig.stage.link.to_string()))
     }
 
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice {

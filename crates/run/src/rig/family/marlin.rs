@@ -3,9 +3,9 @@
 use super::{DeviceFamily, Links, Role};
 use crate::rig::emulated::EmulatedDevice;
 use crate::rig::spec::{Dial, Driver, Home, Misfit, RigSpec, StageDriver};
-use palpate_core::quantity::Axis;
+use palpate_core::quantity::{Axis, StageAbilities};
 use palpate_drivers::AnyStage;
-use palpate_drivers::marlin::Marlin;
+use palpate_drivers::marlin::{LEAST_STEPS, Marlin};
 use palpate_sim::emulator::{GRBL_ROOM_MM, MarlinBoard, MarlinEmulator as Emulator};
 use palpate_sim::scene::{Scene, SceneDevice};
 use std::sync::Arc;
@@ -44,7 +44,7 @@ impl Driver for MarlinStageSpec {
 
 impl StageDriver for MarlinStageSpec {
     fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
-        AnyStage::Marlin(Marlin::new(dial(), rig.stage.link.to_string()))
+        AnyStage::Marlin(Marlin::new(dial.link(), rig.stage.link.to_string()))
     }
 
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice {
@@ -55,8 +55,8 @@ impl StageDriver for MarlinStageSpec {
         true
     }
 
-    fn finishes(&self) -> bool {
-        true
+    fn abilities(&self) -> StageAbilities {
+        StageAbilities { least_steps: LEAST_STEPS, ..StageAbilities::FINISHES }
     }
 }
 

@@ -11,6 +11,7 @@ mod list;
 mod marlin;
 mod modbus;
 mod process;
+mod ur;
 mod xps;
 
 pub use list::FAMILIES;

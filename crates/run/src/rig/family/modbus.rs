@@ -94,7 +94,7 @@ impl LoadCellDriver for ModbusLoadCellSpec {
     fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyLoadCell, DeviceError> {
         let cell = &wiring.rig.load_cell;
         let (link, hz, profile) = (cell.link.to_string(), cell.conversions_hz, self.0.profile.clone());
-        let driver = ModbusLoadCell::new(dial(), self.0.framing(&cell.link), profile, &link, hz, wiring.origin);
+        let driver = ModbusLoadCell::new(dial.link(), self.0.framing(&cell.link), profile, &link, hz, wiring.origin);
         let driver = driver.ok_or_else(|| unfit("load cell", &self.0.file.name))?;
         Ok(AnyLoadCell::Modbus(match &cell.axes {
             Some(axes) => driver.mounted(axes.mounting()),
@@ -128,7 +128,7 @@ impl ArrayDriver for ModbusArraySpec {
     fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyArray, DeviceError> {
         let array = &wiring.rig.array;
         let (link, units, profile) = (array.link.to_string(), array.layout.len(), self.0.profile.clone());
-        let driver = ModbusArray::new(dial(), self.0.framing(&array.link), profile, &link, units);
+        let driver = ModbusArray::new(dial.link(), self.0.framing(&array.link), profile, &link, units);
         Ok(AnyArray::Modbus(driver.ok_or_else(|| unfit("array", &self.0.file.name))?))
     }
 

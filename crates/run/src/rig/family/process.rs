@@ -5,7 +5,7 @@ use crate::rig::emulated::EmulatedDevice;
 use crate::rig::spec::{
     ArrayDriver, Dial, Driver, HomeSide, LoadCellDriver, RigSpec, RigWiring, StageDriver, StageSpec, outside_stock,
 };
-use palpate_core::quantity::seconds;
+use palpate_core::quantity::{StageAbilities, seconds};
 use palpate_document::{Bounds, Problem, Table, keys};
 use palpate_drivers::process::{ProcessArray, ProcessLoadCell, ProcessStage};
 use palpate_drivers::{AnyArray, AnyLoadCell, AnyStage};
@@ -22,9 +22,14 @@ pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     simulated: "programs in memory that use the protocol",
     stage: Some(Role {
         words: &[],
-        keys: driver::KEYS.always,
+        keys: stage::KEYS.always,
         links: Links::Program,
-        read: |table, _| Some(Arc::new(read(table)?)),
+        read: |table, _| {
+            let (program, finishes, late_ms) =
+                (read(table), table.flag(&stage::finishes), table.number(&stage::late_ms));
+            let (program, late_s) = (program?, late_ms? / 1000.0);
+            Some(Arc::new(UserStage { program, abilities: abilities(finishes?, late_s) }))
+        },
     }),
     load_cell: Some(Role {
         words: &[],
@@ -41,17 +46,27 @@ pub(super) const FAMILY: DeviceFamily = DeviceFamily {
 };
 
 keys! {
-    /// `driver = { process = ... }`
-    driver {
+    /// `driver = { process = ... }` of a stage
+    stage {
         process: Texts, Refused, "command of a program that uses the process protocol, and its arguments",
             "[\"python3\", \"my_daq.py\"]";
         start_s: Number(START), or(START_S), "longest time until the started program answers `identify`", "30.0";
+        finishes: Flag, or_flag(false),
+            "whether the stage finishes each motion that it was sent, as an arm does; no motion then needs a stop", "true";
+        late_ms: Number(LATE), or(0.0), "how late a motion begins", "100.0";
     }
+}
+
+keys! {
+    /// `driver = { process = ... }` of a load cell or an array
+    driver {}
+    as stage { process, start_s }
 }
 
 /// Default of `start_s`, s: an interpreter that loads a large library needs several seconds.
 const START_S: f64 = 10.0;
 const START: Bounds = Bounds::above(0.0, 600.0, "s");
+const LATE: Bounds = Bounds::within(0.0, 2000.0, "ms");
 
 /// A program of the user.
 #[derive(Debug)]
@@ -78,9 +93,35 @@ impl Driver for UserProgram {
     }
 }
 
-impl StageDriver for UserProgram {
+/// A stage behind a program of the user.
+#[derive(Debug)]
+struct UserStage {
+    program: UserProgram,
+    abilities: StageAbilities,
+}
+
+fn abilities(finishes: bool, late_s: f64) -> StageAbilities {
+    let abilities = if finishes { StageAbilities::FINISHES } else { StageAbilities::FULL };
+    StageAbilities { late_s, ..abilities }
+}
+
+impl Driver for UserStage {
+    fn own_link(&self) -> Option<Link> {
+        self.program.own_link()
+    }
+}
+
+impl StageDriver for UserStage {
     fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
-        AnyStage::Process(ProcessStage::new(dial(), rig.stage.link.to_string(), self.start))
+        AnyStage::Process(ProcessStage::new(dial.link(), rig.stage.link.to_string(), self.program.start))
+    }
+
+    fn abilities(&self) -> StageAbilities {
+        self.abilities
+    }
+
+    fn knows_home(&self) -> bool {
+        true // its program refuses what it can't do
     }
 
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice {
@@ -112,7 +153,7 @@ impl LoadCellDriver for UserProgram {
     fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyLoadCell, DeviceError> {
         let cell = &wiring.rig.load_cell;
         let driver =
-            ProcessLoadCell::new(dial(), cell.link.to_string(), self.start, cell.conversions_hz, wiring.origin);
+            ProcessLoadCell::new(dial.link(), cell.link.to_string(), self.start, cell.conversions_hz, wiring.origin);
         Ok(AnyLoadCell::Process(driver))
     }
 
@@ -124,7 +165,7 @@ impl LoadCellDriver for UserProgram {
 impl ArrayDriver for UserProgram {
     fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyArray, DeviceError> {
         let array = &wiring.rig.array;
-        Ok(AnyArray::Process(ProcessArray::new(dial(), array.link.to_string(), self.start, array.layout.len())))
+        Ok(AnyArray::Process(ProcessArray::new(dial.link(), array.link.to_string(), self.start, array.layout.len())))
     }
 
     fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {

@@ -131,7 +131,7 @@ impl StageDriver for XpsStageSpec {
     fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
         let guard = cell_of(rig).filter(|_| self.guard).map(|cell| cell.0.clone());
         let link = rig.stage.link.to_string();
-        AnyStage::Xps(Box::new(Xps::new(dial, link, self.grouping.clone(), guard)))
+        AnyStage::Xps(Box::new(Xps::new(|| dial.link(), link, self.grouping.clone(), guard)))
     }
 
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice {
@@ -156,7 +156,7 @@ impl LoadCellDriver for XpsLoadCellSpec {
         let Guard { input, newton_per_volt } = &self.0;
         let cell = &wiring.rig.load_cell;
         let (link, hz) = (cell.link.to_string(), cell.conversions_hz);
-        Ok(AnyLoadCell::Xps(XpsAnalog::new(dial(), link, input, *newton_per_volt, hz, wiring.origin)))
+        Ok(AnyLoadCell::Xps(XpsAnalog::new(dial.link(), link, input, *newton_per_volt, hz, wiring.origin)))
     }
 
     /// Returns another socket of the stage's own controller.

@@ -1,0 +1,48 @@
+//! Programs that the robot runs, in URScript.
+
+use super::rtde::{BEGUN_REGISTER, ENDED_REGISTER, OUTSIDE_REGISTER};
+
+/// Returns a pose as URScript: metres and radians.
+fn pose(at_mm: [f64; 3], rotation_rad: [f64; 3]) -> String {
+    let [x, y, z] = at_mm.map(|mm| mm / 1000.0);
+    let [rx, ry, rz] = rotation_rad;
+    format!("p[{x:.7},{y:.7},{z:.7},{rx:.6},{ry:.6},{rz:.6}]")
+}
+
+/// Returns a program that reports its number when it begins and when it ends.
+fn program(number: i32, lines: &str) -> String {
+    format!(
+        "def palpate():\n  write_output_integer_register({BEGUN_REGISTER}, {number})\n{lines}  \
+         write_output_integer_register({ENDED_REGISTER}, {number})\nend\n"
+    )
+}
+
+/// Returns a program with one straight motion, mm, mm/s and mm/s^2.
+pub(super) fn motion(
+    number: i32,
+    to_mm: [f64; 3],
+    rotation_rad: [f64; 3],
+    speed_mm_s: f64,
+    acceleration_mm_s2: f64,
+) -> String {
+    let (to, a, v) = (pose(to_mm, rotation_rad), acceleration_mm_s2 / 1000.0, speed_mm_s / 1000.0);
+    program(number, &format!("  movel({to}, a={a:.6}, v={v:.6})\n"))
+}
+
+/// Returns a program that replaces the one under way and brings the arm to rest.
+pub(super) fn stop(number: i32, deceleration_mm_s2: f64) -> String {
+    program(number, &format!("  stopl({:.6})\n", deceleration_mm_s2 / 1000.0))
+}
+
+/// Returns a program without a motion that reports the number of the last point, from 1 on, that the arm can't reach within its safety
+/// limits; 0 if it reaches all.
+pub(super) fn reach(number: i32, points_mm: &[[f64; 3]], rotation_rad: [f64; 3]) -> String {
+    let mut lines = format!("  write_output_integer_register({OUTSIDE_REGISTER}, 0)\n");
+    for (nth, point_mm) in (1..).zip(points_mm) {
+        let point = pose(*point_mm, rotation_rad);
+        lines += &format!(
+            "  if (not is_within_safety_limits({point})):\n    write_output_integer_register({OUTSIDE_REGISTER}, {nth})\n  end\n"
+        );
+    }
+    program(number, &lines)
+}

@@ -1,0 +1,459 @@
+//! The stage: identified without a motion, moved by one program for each motion, watched on its way.
+
+use super::frame::{TaughtFrame, length, minus, sideways_mm};
+use super::rtde::{RobotState, Rtde};
+use super::script;
+use crate::MOTION_MARGIN;
+use palpate_core::quantity::Axis;
+use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
+use palpate_link::time::Instant;
+use palpate_link::wire::{Connector, LineLink, WireError, silent};
+use std::time::Duration;
+
+/// Longest time from a program until it begins. A controller needs some 0.1 s.
+const BEGUN_DEADLINE: Duration = Duration::from_secs(2);
+
+/// Longest wait for the dashboard, and until the robot accepts a program.
+const ANSWER_DEADLINE: Duration = Duration::from_secs(2);
+
+/// Longest line of the dashboard, bytes.
+const LINE_BYTES_MAX: usize = 1024;
+
+/// Speed below which the arm is at rest, mm/s.
+const REST_MM_S: f64 = 0.1;
+
+/// Largest difference of the tool's orientation from the taught one, rad.
+const TILT_RAD: f64 = 0.01;
+
+/// Deceleration of a stop before the rig's own is known, mm/s^2.
+const STOP_MM_S2: f64 = 500.0;
+
+/// Slowest setting of the speed slider with which a run goes on. Slower motions would wait for ever.
+const PACE_LEAST: f64 = 0.05;
+
+/// Values of the robot's state (RTDE guide): robot mode, safety modes, runtime state.
+const RUNNING: i32 = 7;
+const NORMAL: i32 = 1;
+const REDUCED: i32 = 2;
+const PROTECTIVE_STOP: i32 = 3;
+const STOPPED: u32 = 1;
+
+/// Links to a robot, each to another of its ports.
+pub struct RobotLinks {
+    /// RTDE, port 30004.
+    pub rtde: Connector,
+    /// Programs, port 30002.
+    pub programs: Connector,
+    /// Dashboard, port 29999.
+    pub dashboard: Connector,
+}
+
+/// What a rig states about a robot.
+#[derive(Clone, Debug)]
+pub struct RobotSettings {
+    /// Frame of the stage.
+    pub frame: TaughtFrame,
+    /// Largest distance of the tool from its straight way, mm.
+    pub path_error_mm: f64,
+    /// Change of the robot's own force since it was prepared at which a motion is stopped, N. It includes the error of that force.
+    pub guard_n: f64,
+}
+
+/// An arm with PolyScope 5 or 3.
+pub struct Ur {
+    robot: Rtde,
+    programs: LineLink,
+    dashboard: LineLink,
+    settings: RobotSettings,
+    link: String,
+    usage: Option<StageUse>,
+    /// Where the axes were sent last, or came to rest, mm.
+    at_mm: [f64; 3],
+    /// Number of the last program, and whether its end is awaited.
+    number: i32,
+    is_awaited: bool,
+    motion: Option<ArmMotion>,
+    /// Force when it was prepared, along the base's axes, N.
+    free_n: Option<[f64; 3]>,
+    pace: f64,
+    /// Whether its last state allows a motion.
+    is_running: bool,
+}
+
+/// Motion under way, in the base, mm.
+#[derive(Clone, Copy)]
+struct ArmMotion {
+    from_mm: [f64; 3],
+    to_mm: [f64; 3],
+    /// Whether it was ordered to stop before its end.
+    is_stopped: bool,
+}
+
+impl Ur {
+    /// Creates an arm behind its links; nothing is sent yet. `link` is its name in messages.
+    pub fn new(links: RobotLinks, settings: RobotSettings, link: String) -> Self {
+        Ur {
+            robot: Rtde::new(links.rtde),
+            programs: LineLink::new(links.programs, "\n", LINE_BYTES_MAX),
+            dashboard: LineLink::new(links.dashboard, "\n", LINE_BYTES_MAX),
+            settings,
+            link,
+            usage: None,
+            at_mm: [f64::NAN; 3],
+            number: 0,
+            is_awaited: false,
+            motion: None,
+            free_n: None,
+            pace: 1.0,
+            is_running: false,
+        }
+    }
+
+    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+        DeviceError { device: format!("stage (UR at {})", self.link), doing: doing.to_owned(), problem }
+    }
+
+    fn failed(&self, doing: &str, error: &WireError) -> DeviceError {
+        self.error(doing, DeviceProblem::Link(error.to_string()))
+    }
+
+    /// Asks the dashboard one question after another.
+    async fn ask<const N: usize>(&mut self, doing: &str, questions: [&str; N]) -> Result<[String; N], DeviceError> {
+        self.dashboard.close();
+        let opened = self.dashboard.open().await;
+        opened.map_err(|error| self.failed(doing, &error))?;
+        self.line(doing, "a greeting").await?;
+        let mut answers = [const { String::new() }; N];
+        for (question, answer) in questions.into_iter().zip(&mut answers) {
+            let sent = self.dashboard.send(format!("{question}\n").as_bytes(), ANSWER_DEADLINE).await;
+            sent.map_err(|error| self.failed(doing, &error))?;
+            *answer = self.line(doing, question).await?;
+        }
+        self.dashboard.close();
+        Ok(answers)
+    }
+
+    async fn line(&mut self, doing: &str, question: &str) -> Result<String, DeviceError> {
+        match self.dashboard.next_by(Instant::now() + ANSWER_DEADLINE).await {
+            Ok(Some(line)) => Ok(line),
+            Ok(None) => Err(self.failed(doing, &silent(question, ANSWER_DEADLINE))),
+            Err(error) => Err(self.failed(doing, &error)),
+        }
+    }
+
+    /// Sends a program. It replaces the one under way.
+    async fn send(&mut self, doing: &str, program: impl FnOnce(i32) -> String) -> Result<(), DeviceError> {
+        self.number = self.number.checked_add(1).unwrap_or(1);
+        self.is_awaited = true;
+        // a new connection: the controller fills the old one with messages that nobody reads
+        self.programs.close();
+        let sent = self.programs.send(program(self.number).as_bytes(), ANSWER_DEADLINE).await;
+        sent.map_err(|error| self.failed(doing, &error))
+    }
+
+    /// Returns one state; the stream then rests.
+    async fn state(&mut self, doing: &str) -> Result<RobotState, DeviceError> {
+        let state = self.robot.start().await;
+        self.robot.pause().await;
+        state.map_err(|error| self.failed(doing, &error))
+    }
+
+    /// Checks that the robot can move, and is where it is to be.
+    fn check(&mut self, doing: &str, state: &RobotState) -> Result<(), DeviceError> {
+        self.pace = state.pace;
+        self.is_running = matches!((state.safety_mode, state.robot_mode), (NORMAL | REDUCED, RUNNING));
+        let problem = match (state.safety_mode, state.robot_mode) {
+            (NORMAL | REDUCED, RUNNING) if state.pace < PACE_LEAST => {
+                format!("its speed slider is at {:.0} %: set it to 100 %", 100.0 * state.pace)
+            }
+            (NORMAL | REDUCED, RUNNING) => return self.check_way(doing, state),
+            (PROTECTIVE_STOP, _) => "it is in a protective stop and stays where it is: its tip may still press on the specimen. Find the \
+                                     cause, move the tip away by hand (Freedrive), then unlock the stop on the pendant; palpate never \
+                                     unlocks it"
+                .to_owned(),
+            (NORMAL | REDUCED, mode) => {
+                format!("its robot mode is {mode}, not 7 (running): switch it on and release its brakes on the pendant")
+            }
+            (safety, _) => format!(
+                "its safety mode is {safety} (5: safeguard stop, 6 and 7: emergency stop): it stays where it is, and its tip may still press \
+                 on the specimen. Clear the cause and move the tip away by hand"
+            ),
+        };
+        Err(self.error(doing, DeviceProblem::Motion(problem)))
+    }
+
+    /// Checks that the tool is on the straight way of the motion, not tilted, and that the robot's own force is within its guard.
+    fn check_way(&self, doing: &str, state: &RobotState) -> Result<(), DeviceError> {
+        let tilt_rad = self.settings.frame.tilt_rad(state.rotation_rad);
+        if tilt_rad > TILT_RAD {
+            let text =
+                format!("its tool is tilted by {:.2} degrees from the taught orientation", tilt_rad.to_degrees());
+            return Err(self.error(doing, DeviceProblem::Motion(text)));
+        }
+        let Some(motion) = self.motion else { return Ok(()) };
+        let (off_mm, most_mm) = (sideways_mm(motion.from_mm, motion.to_mm, state.at_mm), self.settings.path_error_mm);
+        if off_mm > most_mm {
+            let text = format!("its tool is {off_mm:.3} mm off its straight way, `path_error_mm` is {most_mm}");
+            return Err(self.error(doing, DeviceProblem::Motion(text)));
+        }
+        let limit_n = self.settings.guard_n;
+        match self.free_n {
+            Some(free_n) if length(minus(state.force_n, free_n)) > limit_n => {
+                Err(self.error(doing, DeviceProblem::Guarded { limit_n }))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Sends a program and reads states until one is accepted. A stop that is ordered meanwhile is sent at once.
+    async fn until(
+        &mut self,
+        doing: &str,
+        deadline: Duration,
+        orders: &MotionOrders,
+        is_done: impl Fn(&Ur, &RobotState) -> bool,
+        late: &str,
+    ) -> Result<RobotState, DeviceError> {
+        let begun = Instant::now();
+        loop {
+            let next = tokio::select! {
+                biased;
+                () = orders.pulled().notified() => None,
+                next = self.robot.next() => Some(next),
+            };
+            match next {
+                None if orders.take() == Some(MotionOrder::Stop) => self.stop().await?,
+                None => {} // a straight motion keeps its speed
+                Some(next) => {
+                    let state = next.map_err(|error| self.failed(doing, &error))?;
+                    self.check(doing, &state)?;
+                    if is_done(self, &state) {
+                        return Ok(state);
+                    }
+                }
+            }
+            if begun.elapsed() > deadline.div_f64(self.pace) {
+                return Err(self.error(doing, DeviceProblem::Motion(late.to_owned())));
+            }
+        }
+    }
+
+    /// Begins a straight motion to a position of the stage, mm.
+    async fn move_to(
+        &mut self,
+        doing: &str,
+        to_mm: [f64; 3],
+        speed_mm_s: f64,
+        acceleration_mm_s2: f64,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
+        let started = self.robot.start().await;
+        let state = started.map_err(|error| self.failed(doing, &error))?;
+        self.check(doing, &state)?;
+        let frame = &self.settings.frame;
+        let (expected_mm, target_mm) = (frame.to_base(self.at_mm), frame.to_base(to_mm));
+        let off_mm = length(minus(state.at_mm, expected_mm));
+        if off_mm > self.settings.path_error_mm {
+            let text = format!("its tool is {off_mm:.3} mm from where it came to rest: something else moved it");
+            return Err(self.error(doing, DeviceProblem::Motion(text)));
+        }
+        let way_mm = minus(to_mm, self.at_mm);
+        let longest_mm = way_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
+        if longest_mm == 0.0 || orders.stopped() {
+            return Ok(());
+        }
+        // speed and acceleration of the rig are those of an axis
+        let along_path = length(way_mm) / longest_mm;
+        let (v, a, rotation_rad) = (speed_mm_s * along_path, acceleration_mm_s2 * along_path, frame.tool_rad());
+        self.motion = Some(ArmMotion { from_mm: state.at_mm, to_mm: target_mm, is_stopped: false });
+        self.send(doing, |number| script::motion(number, target_mm, rotation_rad, v, a)).await?;
+        self.at_mm = to_mm;
+        let late = "it doesn't begin a program: is it in remote control, and no message on the pendant?";
+        self.until(doing, BEGUN_DEADLINE, orders, |own, state| state.begun == own.number, late).await?;
+        Ok(())
+    }
+
+    /// Waits until the motion has ended, and returns where the axes are, mm.
+    async fn ended(&mut self, doing: &str, expected: Duration, orders: &MotionOrders) -> Result<[f64; 3], DeviceError> {
+        let late = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+        let is_done = |own: &Ur, state: &RobotState| {
+            let has_ended = !own.is_awaited || state.ended == own.number;
+            has_ended && state.runtime == STOPPED && length(state.speed_mm_s) < REST_MM_S
+        };
+        let state = self.until(doing, expected + MOTION_MARGIN, orders, is_done, &late).await?;
+        let at_mm = self.settings.frame.to_stage(state.at_mm);
+        if self.motion.is_some_and(|motion| motion.is_stopped) {
+            self.at_mm = at_mm;
+        }
+        (self.motion, self.is_awaited) = (None, false);
+        Ok(at_mm)
+    }
+
+    /// After an error the arm is stopped where it is, and the stream of states rests.
+    async fn settle<T>(&mut self, result: Result<T, DeviceError>) -> Result<T, DeviceError> {
+        if result.is_err() {
+            if self.motion.take().is_some() {
+                self.is_awaited = self.is_running && self.stop().await.is_ok(); // the first error is reported
+                self.at_mm = [f64::NAN; 3];
+            }
+            self.robot.pause().await;
+        }
+        result
+    }
+
+    /// Has the robot check whether it reaches the corners of the travel.
+    async fn check_reach(&mut self, doing: &str, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
+        let ends = usage.travel.axes.map(|range| [range.min, range.max]);
+        let corners_mm: [[f64; 3]; 8] =
+            std::array::from_fn(|corner| std::array::from_fn(|axis| ends[axis][corner >> axis & 1]));
+        let (corners, tool_rad) =
+            (corners_mm.map(|at| self.settings.frame.to_base(at)), self.settings.frame.tool_rad());
+        self.send(doing, |number| script::reach(number, &corners, tool_rad)).await?;
+        let late = "it doesn't run a program: is it in remote control, and no message on the pendant?";
+        let is_done = |own: &Ur, state: &RobotState| state.ended == own.number && state.runtime == STOPPED;
+        let state = self.until(doing, BEGUN_DEADLINE, orders, is_done, late).await?;
+        self.is_awaited = false;
+        match usize::try_from(state.outside - 1).ok().and_then(|nth| corners_mm.get(nth)) {
+            None => Ok(()),
+            Some([x, y, z]) => {
+                let text = format!(
+                    "the arm can't reach x = {x}, y = {y}, z = {z} mm within its joint and safety limits: narrow `travel_mm` in [stage], or \
+                     teach a frame nearer to its base"
+                );
+                Err(self.error(doing, DeviceProblem::Mismatch(text)))
+            }
+        }
+    }
+}
+
+impl Stage for Ur {
+    async fn identify(&mut self, _: &StageUse) -> Result<Identity, DeviceError> {
+        let doing = "identifying it";
+        (self.usage, self.free_n, self.motion, self.is_awaited) = (None, None, None, false);
+        let questions = ["get robot model", "get serial number", "PolyscopeVersion", "is in remote control"];
+        let [model, serial, version, remote] = self.ask(doing, questions).await?;
+        if remote == "false" {
+            let text = "it is in local control: select remote control on the pendant".to_owned();
+            return Err(self.error(doing, DeviceProblem::Mismatch(text)));
+        }
+        let identity = format!("{model} {serial}, {version}");
+        let state = self.state(doing).await?;
+        self.check(doing, &state)?;
+        if state.runtime != STOPPED {
+            let text = "a program runs on it: stop it on the pendant".to_owned();
+            return Err(self.error(doing, DeviceProblem::Mismatch(text)));
+        }
+        self.number = state.begun.max(state.ended).max(0);
+        self.at_mm = self.settings.frame.to_stage(state.at_mm);
+        Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings: Vec::new() })
+    }
+
+    async fn is_homed(&mut self) -> Result<bool, DeviceError> {
+        Ok(true) // it knows where it is
+    }
+
+    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
+        let doing = "moving z a little";
+        let z = Axis::Z.index();
+        let mut to_mm = self.at_mm;
+        to_mm[z] += usage.away * way_mm;
+        if !usage.travel.along(Axis::Z).contains(to_mm[z]) {
+            return Ok(false);
+        }
+        let speed_mm_s = usage.home_speed_mm_s;
+        let moved = async {
+            self.move_to(doing, to_mm, speed_mm_s, usage.acceleration_mm_s2, orders).await?;
+            self.ended(doing, Duration::from_secs_f64(way_mm / speed_mm_s), orders).await
+        };
+        let moved = moved.await;
+        self.settle(moved).await?;
+        self.robot.pause().await;
+        Ok(true)
+    }
+
+    /// Checks where the arm is and what it reaches. Nothing moves.
+    async fn home(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
+        let doing = "preparing it";
+        let started = self.robot.start().await;
+        let state = started.map_err(|error| self.failed(doing, &error))?;
+        for axis in Axis::ALL {
+            let (reach, at_mm) = (usage.reach(axis), self.settings.frame.to_stage(state.at_mm)[axis.index()]);
+            if !reach.contains(at_mm) {
+                let text = format!(
+                    "{} is at {at_mm:.3} mm, outside {} to {} mm: move the tip into the travel by hand",
+                    axis.name(),
+                    reach.min,
+                    reach.max
+                );
+                return Err(self.error(doing, DeviceProblem::Mismatch(text)));
+            }
+        }
+        let checked = self.check_reach(doing, usage, orders).await;
+        self.settle(checked).await?;
+        self.robot.pause().await;
+        self.free_n = Some(state.force_n);
+        self.usage = Some(usage.clone());
+        Ok(())
+    }
+
+    async fn begin(
+        &mut self,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
+        let doing = "starting a motion";
+        let Some(usage) = self.usage.clone() else {
+            return Err(self.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
+        };
+        if self.at_mm[0].is_nan() {
+            let started = self.robot.start().await;
+            started.map_err(|error| self.failed(doing, &error))?;
+            let at_rest = self.ended(doing, Duration::ZERO, orders).await;
+            self.at_mm = self.settle(at_rest).await?;
+        }
+        let mut to_mm = self.at_mm;
+        for (axis, target_mm) in targets {
+            if !usage.travel.along(*axis).contains(*target_mm) {
+                let text = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
+                return Err(self.error(doing, DeviceProblem::Motion(text)));
+            }
+            to_mm[axis.index()] = *target_mm;
+        }
+        let begun = self.move_to(doing, to_mm, speed_mm_s, usage.acceleration_mm_s2, orders).await;
+        self.settle(begun).await
+    }
+
+    async fn follow(
+        &mut self,
+        axes: &[Axis],
+        expected: Duration,
+        orders: &MotionOrders,
+    ) -> Result<Vec<f64>, DeviceError> {
+        let ended = self.ended("waiting for a motion to end", expected, orders).await;
+        let at_mm = self.settle(ended).await?;
+        self.robot.pause().await;
+        Ok(axes.iter().map(|axis| at_mm[axis.index()]).collect())
+    }
+
+    async fn position_mm(&mut self, axis: Axis, _: &MotionOrders) -> Result<f64, DeviceError> {
+        let state = self.state("reading a position").await?;
+        Ok(self.settings.frame.to_stage(state.at_mm)[axis.index()])
+    }
+
+    fn pace(&self) -> f64 {
+        self.pace
+    }
+
+    async fn stop(&mut self) -> Result<(), DeviceError> {
+        if let Some(motion) = &mut self.motion {
+            motion.is_stopped = true;
+        }
+        let deceleration_mm_s2 = self.usage.as_ref().map_or(STOP_MM_S2, |usage| usage.acceleration_mm_s2);
+        self.send("stopping it", |number| script::stop(number, deceleration_mm_s2)).await
+    }
+
+    async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
+        Ok(std::mem::take(&mut self.robot.texts))
+    }
+}
