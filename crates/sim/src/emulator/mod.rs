@@ -13,6 +13,7 @@
 //!   or [`LabJackT7`] (load cell or array).
 //! - [`GrblEmulator`]: GRBL 1.1h on a frame of three axes.
 //! - [`MarlinEmulator`]: Marlin 2.1 on a printer of three axes.
+//! - [`UrEmulator`]: a Universal Robots arm of the e-Series with PolyScope 5, on its three ports.
 //! - [`lines`]: boards that push lines or frames: an HX711, a Mark-10 gauge, a Net F/T, a Bota sensor or a GSV-8 (load cells), ReSkin, a text board or a Velostat matrix
 //!   (arrays).
 //! - [`ProcessStageEmulator`], [`ProcessLoadCellEmulator`], [`ProcessArrayEmulator`]: devices of the process protocol (docs/reference/process.md).
@@ -29,6 +30,7 @@ mod process;
 mod serve;
 #[cfg(test)]
 mod tests;
+mod ur;
 mod xps;
 
 pub use daqmx::DaqmxEmulator;
@@ -40,6 +42,7 @@ pub use modbus::{
 };
 pub use process::{Printer, ProcessArrayEmulator, ProcessLoadCellEmulator, ProcessStageEmulator};
 pub use serve::{INBOX_MOST, serve};
+pub use ur::{DASHBOARD_PORT, RTDE_PORT, SECONDARY_PORT, UrArm, UrEmulator, UrFault, UrFaultKind};
 pub use xps::XpsEmulator;
 
 use crate::scene::{Scene, SceneDevice};
@@ -87,6 +90,12 @@ pub trait Instrument: Send {
     /// Opens a link. Returns the instrument that represents the device on this link, if the device separates its links. `None` if
     /// all links share this instrument.
     fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
+        None
+    }
+
+    /// Returns the instrument that represents the device on another of its TCP ports; `None` if it has no such port.
+    fn at_port(&self, port: u16) -> Option<Shared<dyn Instrument>> {
+        let _ = port;
         None
     }
 

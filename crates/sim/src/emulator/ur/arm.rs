@@ -1,0 +1,119 @@
+//! The arm: where it stands, what it carries, and its faults.
+
+use super::pose::{Pose, Turn};
+
+/// An arm and where the scene is in its base frame. The tip of its tool is the scene's indenter.
+#[derive(Clone, Debug)]
+pub struct UrArm {
+    /// Place of the scene's stage origin in the base frame, mm.
+    pub origin_mm: [f64; 3],
+    /// Unit vectors of the scene's stage x, y and z in the base frame. They are perpendicular to each other.
+    pub axes: [[f64; 3]; 3],
+    /// Orientation of the tool when the controller starts, as a rotation vector, rad. With it the tool's z, which points out of the
+    /// tool, lies along the scene's stage z and points to the specimen.
+    pub rotvec_rad: [f64; 3],
+    /// Pose of the tip relative to the flange, m and rad. It is also the TCP offset of the installation. A program that sets another
+    /// TCP (`set_tcp`) gets the poses of another point, as on the robot.
+    pub tip: [f64; 6],
+    /// Largest distance of the TCP from the base, m.
+    pub reach_m: f64,
+    /// Step to which targets are rounded along the stage axes, mm; 0 for none. The scene's own step is applied after it.
+    pub step_mm: f64,
+    /// Model, as in `UR5e`.
+    pub model: String,
+    /// Serial number.
+    pub serial: String,
+    /// Largest error of each component of the reported force, N: a constant offset and a slow wave.
+    pub force_error_n: f64,
+    /// Faults.
+    pub faults: Vec<UrFault>,
+}
+
+impl Default for UrArm {
+    /// A UR5e in front of the scene, whose stage axes are those of the base. The tool points down. The tip is the flange.
+    fn default() -> Self {
+        UrArm {
+            origin_mm: [300.0, -200.0, 100.0],
+            axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            rotvec_rad: [std::f64::consts::PI, 0.0, 0.0],
+            tip: [0.0; 6],
+            reach_m: 0.85,
+            step_mm: 0.001,
+            model: String::from("UR5e"),
+            serial: String::from("20195500001"),
+            force_error_n: 4.0,
+            faults: Vec::new(),
+        }
+    }
+}
+
+impl UrArm {
+    /// Place of the tip in the base frame for a place of the stage, mm.
+    pub(super) fn tip_mm(&self, stage_mm: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|n| self.origin_mm[n] + self.along(stage_mm)[n])
+    }
+
+    /// Place of the stage for a place of the tip in the base frame, mm.
+    pub(super) fn stage_mm(&self, tip_mm: [f64; 3]) -> [f64; 3] {
+        self.axes.map(|axis| (0..3).map(|n| axis[n] * (tip_mm[n] - self.origin_mm[n])).sum())
+    }
+
+    /// Turns a vector along the stage axes into one in the base frame.
+    pub(super) fn along(&self, stage: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|n| (0..3).map(|axis| self.axes[axis][n] * stage[axis]).sum())
+    }
+
+    /// Force of the environment on the tip, N, when it presses with `force_n` along the taught tool.
+    pub(super) fn reaction_n(&self, force_n: f64) -> [f64; 3] {
+        Turn::of(self.rotvec_rad).apply([0.0, 0.0, -force_n])
+    }
+
+    /// Error of a component of the reported force, N.
+    pub(super) fn force_error(&self, component: usize, at_s: f64) -> f64 {
+        let phase = component as f64;
+        self.force_error_n * (0.5 * (1.0 + 2.0 * phase).cos() + 0.5 * (at_s / (7.0 + 2.0 * phase) + phase).sin())
+    }
+
+    /// Pose of the TCP in the frame of the tip for a TCP offset from the flange, m and rad.
+    pub(super) fn tool(&self, offset: [f64; 6]) -> Pose {
+        Pose::from_wire(self.tip).inverse().then(Pose::from_wire(offset))
+    }
+}
+
+/// A fault of the arm or the controller.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UrFault {
+    /// Time at which it happens, s.
+    pub from_s: f64,
+    /// What happens.
+    pub kind: UrFaultKind,
+}
+
+/// Kinds of fault. Each happens once.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum UrFaultKind {
+    /// The arm decelerates quickly and stays where it is. The program pauses until somebody unlocks the stop and continues it.
+    ProtectiveStop,
+    /// Somebody presses the emergency stop, and it stays pressed. The arm loses its power.
+    EmergencyStop,
+    /// Somebody moves the speed slider to this fraction.
+    SpeedSlider(f64),
+    /// All RTDE links are closed, and new ones are for 2 s.
+    RtdeLost,
+    /// No more data packages are sent. The links stay open and requests are answered.
+    RtdeSilent,
+    /// Somebody switches the robot to local control.
+    LocalControl,
+    /// Later motions leave their line in the middle and return to it.
+    Sideways {
+        /// Largest distance from the line, mm.
+        mm: f64,
+    },
+    /// Later motions turn the tool about its x on their way and back.
+    Tilt {
+        /// Largest angle, rad.
+        rad: f64,
+    },
+    /// Somebody switches the arm's power off.
+    PowerOff,
+}

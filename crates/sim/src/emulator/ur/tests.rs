@@ -1,0 +1,1 @@
+//! The robot, port by port.
