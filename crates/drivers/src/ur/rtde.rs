@@ -76,6 +76,11 @@ impl Rtde {
         Rtde { connector, stream: None, inbox: Vec::new(), recipe: 0, is_started: false, texts: Vec::new() }
     }
 
+    /// Whether the stream of states is started.
+    pub(super) fn is_started(&self) -> bool {
+        self.is_started
+    }
+
     /// Starts the stream of states, and returns the first.
     pub(super) async fn start(&mut self) -> Result<RobotState, WireError> {
         if self.is_started {

@@ -275,6 +275,10 @@ impl Ur {
 
     /// Waits until the motion has ended, and returns where the axes are, mm.
     async fn ended(&mut self, doing: &str, expected: Duration, orders: &MotionOrders) -> Result<[f64; 3], DeviceError> {
+        if !self.robot.is_started() {
+            let started = self.robot.start().await;
+            started.map_err(|error| self.failed(doing, &error))?;
+        }
         let late = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
         let is_done = |own: &Ur, state: &RobotState| {
             let has_ended = !own.is_awaited || state.ended == own.number;
@@ -407,8 +411,6 @@ impl Stage for Ur {
             return Err(self.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
         };
         if self.at_mm[0].is_nan() {
-            let started = self.robot.start().await;
-            started.map_err(|error| self.failed(doing, &error))?;
             let at_rest = self.ended(doing, Duration::ZERO, orders).await;
             self.at_mm = self.settle(at_rest).await?;
         }

@@ -100,28 +100,32 @@ fn block<'a>(lines: &mut impl Iterator<Item = &'a str>) -> Option<(Vec<Step>, &'
             steps.push(Step::Do(Command::read(line)?));
             continue;
         };
-        let pose = question(condition.trim().strip_suffix(':')?)?;
+        let (pose, is_negated) = question(condition.trim().strip_suffix(':')?)?;
         let (yes, end) = block(lines)?;
         let (no, end) = if end == "end" { (Vec::new(), end) } else { block(lines)? };
         if end != "end" {
             return None;
         }
+        let (yes, no) = if is_negated { (no, yes) } else { (yes, no) };
         steps.push(Step::If(pose, yes, no));
     }
 }
 
-/// Reads a condition: whether a pose can be reached.
-fn question(condition: &str) -> Option<Option<[f64; 6]>> {
+/// Reads a condition: whether a pose can be reached, or can't.
+fn question(condition: &str) -> Option<(Option<[f64; 6]>, bool)> {
     let condition = condition.trim();
     if let Some(inner) = condition.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) {
         return question(inner);
+    }
+    if let Some(rest) = condition.strip_prefix("not ") {
+        return question(rest).map(|(pose, is_negated)| (pose, !is_negated));
     }
     let (name, arguments) = call(condition)?;
     if !["is_within_safety_limits", "get_inverse_kin_has_solution"].contains(&name) {
         return None;
     }
     let [pose] = sorted(arguments, ["pose"])?;
-    target(pose?)
+    Some((target(pose?)?, false))
 }
 
 impl Command {
