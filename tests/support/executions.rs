@@ -185,8 +185,8 @@ pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper
         tamper(&mut rig);
         let scene = rig.scene.clone();
         let stage = rig.stage.instrument().expect("it has a link").clone();
-        let eye = Arc::new(Mutex::new(Eye { stage, deaths, left: None, seen: ExecutionSeen::default() }));
-        rig.stage.replace(eye.clone());
+        let watched = Arc::new(Mutex::new(Watched { deaths, left: None, seen: ExecutionSeen::default() }));
+        rig.stage.replace(Arc::new(Mutex::new(Eye { stage, watched: watched.clone() })));
         let (mut ledger, cancel, began) = (Memory::default(), Cancel::default(), Instant::now());
         let rig = spec.open_on(rig).expect("drivers");
         let job = RunJob { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
@@ -195,11 +195,11 @@ pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper
         let virtual_s = began.elapsed().as_secs_f64();
         sleep(AFTERWARDS).await; // late messages have had their effect by then
         let now_s = began.elapsed().as_secs_f64();
-        let mut eye = eye.lock().expect("the walk is over");
-        eye.look(now_s);
+        let mut watched = watched.lock().expect("the walk is over");
+        watched.look(now_s);
         let at_rest = scene.lock().expect("the walk is over").run_out(now_s);
-        eye.seen.truth.take(at_rest);
-        let ExecutionSeen { truth, orphaned, messages } = eye.seen;
+        watched.seen.truth.take(at_rest);
+        let ExecutionSeen { truth, orphaned, messages } = watched.seen;
         ExecutedRun {
             ending,
             ledger,
@@ -225,11 +225,16 @@ pub fn end_of(ending: &Ending) -> &'static str {
     }
 }
 
-/// Observes the stage and the true values.
+/// Observes one link of the stage, and the true values.
 struct Eye {
     stage: Shared<dyn Instrument>,
+    watched: Shared<Watched>,
+}
+
+/// What the links of a stage have in common.
+struct Watched {
     deaths: Deaths,
-    /// The scene after the last message.
+    /// The scene after the last message that began or changed a motion.
     left: Option<Scene>,
     seen: ExecutionSeen,
 }
@@ -241,12 +246,33 @@ struct ExecutionSeen {
     messages: usize,
 }
 
-impl Eye {
+impl Watched {
     /// Events since the last message that began or changed a motion.
     fn look(&mut self, now_s: f64) {
         if let Some(mut scene) = self.left.take() {
             self.seen.truth.take(scene.take_truth(now_s));
         }
+    }
+}
+
+impl Eye {
+    fn of(&self, stage: Shared<dyn Instrument>) -> Shared<dyn Instrument> {
+        Arc::new(Mutex::new(Eye { stage, watched: self.watched.clone() }))
+    }
+
+    /// Lets the stage act on the scene, and looks whether a motion began or changed.
+    fn watch<T>(&self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut dyn Instrument, &mut Scene) -> T) -> T {
+        let motions = |scene: &Scene| Axis::ALL.map(|axis| scene.motion(axis).clone());
+        let before = motions(scene);
+        let acted = act(&mut *self.stage.lock().expect("a device that lives"), scene);
+        let mut watched = self.watched.lock().expect("a device that lives");
+        if watched.left.is_none() || motions(scene) != before {
+            watched.look(now_s);
+            let mut left = scene.clone();
+            left.take_truth(now_s);
+            watched.left = Some(left);
+        }
+        acted
     }
 }
 
@@ -260,18 +286,11 @@ impl Instrument for Eye {
     }
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
-        let motions = |scene: &Scene| Axis::ALL.map(|axis| scene.motion(axis).clone());
-        let before = motions(scene);
-        let reply = self.stage.lock().expect("a device that lives").answer(request, scene, now_s);
-        self.seen.messages += 1;
-        if self.left.is_none() || motions(scene) != before {
-            self.look(now_s);
-            let mut left = scene.clone();
-            left.take_truth(now_s);
-            self.left = Some(left);
-        }
-        if self.deaths == Deaths::Tried {
-            self.seen.orphaned.take(scene.run_out(now_s));
+        let reply = self.watch(scene, now_s, |stage, scene| stage.answer(request, scene, now_s));
+        let mut watched = self.watched.lock().expect("a device that lives");
+        watched.seen.messages += 1;
+        if watched.deaths == Deaths::Tried {
+            watched.seen.orphaned.take(scene.run_out(now_s));
         }
         reply
     }
@@ -280,12 +299,22 @@ impl Instrument for Eye {
         self.stage.lock().expect("a device that lives").deaf_until_s()
     }
 
+    fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
+        let own = self.stage.lock().expect("a device that lives").accept()?;
+        Some(self.of(own))
+    }
+
+    fn at_port(&self, port: u16) -> Option<Shared<dyn Instrument>> {
+        let other = self.stage.lock().expect("a device that lives").at_port(port)?;
+        Some(self.of(other))
+    }
+
     fn bell(&self) -> Option<Arc<Notify>> {
         self.stage.lock().expect("a device that lives").bell()
     }
 
     fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
-        self.stage.lock().expect("a device that lives").owed(scene, now_s)
+        self.watch(scene, now_s, |stage, scene| stage.owed(scene, now_s))
     }
 }
 

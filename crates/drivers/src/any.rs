@@ -49,10 +49,6 @@ macro_rules! stages {
                 match self { $(Self::$name(it) => it.position_mm(axis, orders).await,)+ }
             }
 
-            fn pace(&self) -> f64 {
-                match self { $(Self::$name(it) => it.pace(),)+ }
-            }
-
             async fn stop(&mut self) -> Result<(), DeviceError> {
                 match self { $(Self::$name(it) => it.stop().await,)+ }
             }

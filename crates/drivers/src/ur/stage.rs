@@ -227,6 +227,7 @@ impl Ur {
                 Some(next) => {
                     let state = next.map_err(|error| self.failed(doing, &error))?;
                     self.check(doing, &state)?;
+                    orders.slow(self.pace);
                     if is_done(self, &state) {
                         return Ok(state);
                     }
@@ -441,10 +442,6 @@ impl Stage for Ur {
     async fn position_mm(&mut self, axis: Axis, _: &MotionOrders) -> Result<f64, DeviceError> {
         let state = self.state("reading a position").await?;
         Ok(self.settings.frame.to_stage(state.at_mm)[axis.index()])
-    }
-
-    fn pace(&self) -> f64 {
-        self.pace
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {

@@ -127,11 +127,6 @@ pub trait Stage {
     /// Returns the position of an axis. Orders during the call are carried out at once.
     fn position_mm(&mut self, axis: Axis, orders: &MotionOrders) -> impl Future<Output = Result<f64, DeviceError>>;
 
-    /// Share of the ordered speed at which it moves, as it reported last: an arm has a speed slider.
-    fn pace(&self) -> f64 {
-        1.0
-    }
-
     /// Stops all axes at once, without waiting.
     fn stop(&mut self) -> impl Future<Output = Result<(), DeviceError>>;
 

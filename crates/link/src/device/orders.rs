@@ -9,6 +9,8 @@ pub struct MotionOrders {
     pulled: Notify,
     order: Cell<Option<MotionOrder>>,
     stopped: Cell<bool>,
+    /// By how much longer the motion takes, as a share of its time.
+    slowed: Cell<f64>,
 }
 
 /// One request for a motion under way.
@@ -35,6 +37,16 @@ impl MotionOrders {
             self.order.set(Some(MotionOrder::Speed(mm_s)));
             self.pulled.notify_one();
         }
+    }
+
+    /// Reports that the stage moves at this share of the ordered speed: an arm has a speed slider.
+    pub fn slow(&self, pace: f64) {
+        self.slowed.set(self.slowed.get().max(1.0 / pace - 1.0));
+    }
+
+    /// Returns the factor by which the motion takes longer, at most.
+    pub fn slowness(&self) -> f64 {
+        1.0 + self.slowed.get()
     }
 
     /// Whether a stop was requested.

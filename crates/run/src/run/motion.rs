@@ -234,16 +234,20 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let expected = seconds(MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s());
         let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
         let due_after = expected.mul_f64(1.0 + LATE_SHARE);
-        let (orders, due) = (MotionOrders::default(), Cell::new(Some(Instant::now() + due_after)));
+        let begun = Cell::new(Instant::now());
+        let (orders, due) = (MotionOrders::default(), Cell::new(Some(begun.get() + due_after)));
         let ends = Cell::new(None);
         let stage = &mut self.stage;
         let motion = pin!(async {
             stage.begin(targets, speed_mm_s, &orders).await?;
             ends.set(Some(Instant::now() + expected));
-            due.set(due.get().map(|_| Instant::now() + due_after.div_f64(stage.pace())));
+            begun.set(Instant::now());
             Ok(stage.follow(&axes, expected, &orders).await?)
         });
-        let steered = |watched_cell: &mut WatchedLoadCell<'_, C>, force_n: f64| steer(force_n, watched_cell.now_s());
+        let steered = |watched_cell: &mut WatchedLoadCell<'_, C>, force_n: f64| {
+            due.set(due.get().map(|_| begun.get() + due_after.mul_f64(orders.slowness())));
+            steer(force_n, watched_cell.now_s())
+        };
         let places_mm = watched(&mut self.cell, motion, &orders, &due, steered).await?;
         let stopped = orders.stopped();
         // a complete motion ended with its profile, however late the report came; a printer begins later than it accepts

@@ -106,13 +106,23 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let RigControl { stage, array, .. } = self;
         let motion = async {
             stage.begin(targets, speed_mm_s, &orders).await?;
-            let due_after = expected.mul_f64(1.0 + LATE_SHARE).div_f64(stage.pace());
+            let begun = Instant::now();
+            let silent = async {
+                loop {
+                    let late = expected.mul_f64(1.0 + LATE_SHARE).mul_f64(orders.slowness());
+                    let due = begun + late + seconds(SILENT_S);
+                    if Instant::now() >= due {
+                        break;
+                    }
+                    sleep_until(due).await;
+                }
+            };
             let follow = stage.follow(&axes, expected, &orders);
             tokio::pin!(follow);
             let followed = tokio::select! {
                 biased;
                 followed = &mut follow => Ok(followed?),
-                () = sleep_until(Instant::now() + due_after + seconds(SILENT_S)) => {
+                () = silent => {
                     orders.stop();
                     let _ = follow.await; // an exchange isn't abandoned
                     Err(Trip::new(SafetyRule::StageSilent, SILENT_S, SILENT_S, "s").into())

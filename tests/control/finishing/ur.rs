@@ -1,0 +1,80 @@
+//! An arm of Universal Robots that presses 1 N.
+
+use super::{Finishing, Wrong};
+use palpate_run::rig::{RigSpec, SimulatedRig};
+use palpate_sim::emulator::UrFaultKind::{
+    EmergencyStop, LocalControl, PowerOff, ProtectiveStop, RtdeLost, RtdeSilent, Sideways, SpeedSlider, Tilt,
+};
+use palpate_sim::emulator::{UrArm, UrEmulator, UrFault, UrFaultKind};
+use palpate_testing::executions::{Deaths, executed_with};
+use std::sync::{Arc, Mutex};
+
+const ARM: Finishing<UrFaultKind> = Finishing {
+    rig: "rigs/ur.toml",
+    force_n: 1.0,
+    limit_n: 2.0,
+    stiffnesses_n_mm: &[1.0, 2.0, 5.0],
+    faults: &[
+        ProtectiveStop,
+        EmergencyStop,
+        SpeedSlider(0.3),
+        RtdeLost,
+        RtdeSilent,
+        LocalControl,
+        Sideways { mm: 0.3 },
+        Tilt { rad: 0.03 },
+        PowerOff,
+    ],
+    install,
+    is_mended: |kind| kind == SpeedSlider(0.3),
+};
+
+fn install(_: &RigSpec, rig: &mut SimulatedRig, from_s: f64, kind: UrFaultKind) {
+    let arm = UrArm { rotvec_rad: [0.0, 3.1416, 0.0], faults: vec![UrFault { from_s, kind }], ..UrArm::default() };
+    let stage = UrEmulator::new(arm, &rig.scene.lock().expect("nobody else has it"));
+    rig.stage.replace(Arc::new(Mutex::new(stage)));
+}
+
+#[test]
+fn presses_are_within_half_a_step_and_take_seconds() {
+    ARM.check_presses((1.0, 80.0), 6.0);
+    ARM.check_presses((5.0, 80.0), 6.0);
+}
+
+#[test]
+fn no_force_is_over_the_limit_whatever_fails() {
+    let ends = ARM.check_faults(&[]);
+    for (wrong, end) in ends {
+        if let Wrong::Stage(ProtectiveStop | EmergencyStop | PowerOff) = wrong {
+            assert!(["-", "device", "stage-silent"].contains(&end), "{wrong:?}: {end}");
+        }
+    }
+}
+
+/// What a person reads after each fault in a press, and that nothing is pressed harder.
+#[test]
+fn each_fault_in_a_press_is_named() {
+    let cases = [
+        (ProtectiveStop, "palpate never unlocks it"),
+        (EmergencyStop, "its safety mode is 7"),
+        (PowerOff, "its robot mode is"),
+        (RtdeSilent, "no answer to \"the next RTDE package\" within 1000 ms"),
+        (LocalControl, "is it in remote control"),
+        (Sideways { mm: 0.3 }, "mm off its straight way, `path_error_mm` is 0.1"),
+        (Tilt { rad: 0.03 }, "its tool is tilted by"),
+    ];
+    for (kind, expected) in cases {
+        let spec = ARM.rig(2.0, 80.0);
+        let executed = executed_with(&spec, &ARM.presses(&spec, 30, 1), Deaths::Ignored, &|rig| {
+            install(&spec, rig, 60.0, kind);
+        });
+        let text = executed.ending.text().unwrap_or_default();
+        assert!(text.contains(expected), "{kind:?}: {text}");
+        assert!(executed.truth.force_n < 1.1, "{kind:?}: {} N", executed.truth.force_n);
+    }
+}
+
+#[test]
+fn the_velocity_strategy_is_refused() {
+    ARM.check_velocity_is_refused();
+}
