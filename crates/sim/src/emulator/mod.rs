@@ -42,7 +42,10 @@ pub use modbus::{
 };
 pub use process::{Printer, ProcessArrayEmulator, ProcessLoadCellEmulator, ProcessStageEmulator};
 pub use serve::{INBOX_MOST, serve};
-pub use ur::{DASHBOARD_PORT, RTDE_PORT, SECONDARY_PORT, UrArm, UrEmulator, UrFault, UrFaultKind};
+pub use ur::{
+    DASHBOARD_PORT as UR_DASHBOARD_PORT, RTDE_PORT as UR_RTDE_PORT, SECONDARY_PORT as UR_SECONDARY_PORT, UrArm,
+    UrEmulator, UrFault, UrFaultKind,
+};
 pub use xps::XpsEmulator;
 
 use crate::scene::{Scene, SceneDevice};

@@ -9,15 +9,16 @@ pub struct UrArm {
     pub origin_mm: [f64; 3],
     /// Unit vectors of the scene's stage x, y and z in the base frame. They are perpendicular to each other.
     pub axes: [[f64; 3]; 3],
-    /// Orientation of the tool when the controller starts, as a rotation vector, rad. With it the tool's z, which points out of the
-    /// tool, lies along the scene's stage z and points to the specimen.
+    /// Orientation of the tool when the controller starts, as a rotation vector, rad. With it the tool's z, which
+    /// points out of the tool, lies along the scene's stage z and points to the specimen.
     pub rotvec_rad: [f64; 3],
-    /// Pose of the tip relative to the flange, m and rad. It is also the TCP offset of the installation. A program that sets another
-    /// TCP (`set_tcp`) gets the poses of another point, as on the robot.
+    /// Pose of the tip relative to the flange, m and rad. It is also the TCP offset of the installation. A program that
+    /// sets another TCP (`set_tcp`) gets the poses of another point, as on the robot.
     pub tip: [f64; 6],
     /// Largest distance of the TCP from the base, m.
     pub reach_m: f64,
-    /// Step to which targets are rounded along the stage axes, mm; 0 for none. The scene's own step is applied after it.
+    /// Step to which targets are rounded along the stage axes, mm; 0 for none. The scene's own step is applied after
+    /// it.
     pub step_mm: f64,
     /// Model, as in `UR5e`.
     pub model: String,
@@ -30,7 +31,8 @@ pub struct UrArm {
 }
 
 impl Default for UrArm {
-    /// A UR5e in front of the scene, whose stage axes are those of the base. The tool points down. The tip is the flange.
+    /// A UR5e in front of the scene, whose stage axes are those of the base. The tool points down. The tip is the
+    /// flange.
     fn default() -> Self {
         UrArm {
             origin_mm: [300.0, -200.0, 100.0],
@@ -92,7 +94,8 @@ pub struct UrFault {
 /// Kinds of fault. Each happens once.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum UrFaultKind {
-    /// The arm decelerates quickly and stays where it is. The program pauses until somebody unlocks the stop and continues it.
+    /// The arm decelerates quickly and stays where it is. The program pauses until somebody unlocks the stop and
+    /// continues it.
     ProtectiveStop,
     /// Somebody presses the emergency stop, and it stays pressed. The arm loses its power.
     EmergencyStop,

@@ -16,8 +16,8 @@ const REMOTE_ONLY: [&str; 7] =
 const NOT_REMOTE: &str = "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and \
     reconnect to port 29999";
 /// Answer to an unlocking that is too early.
-const STILL_LOCKED: &str = "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective \
-    stop before unlocking";
+const STILL_LOCKED: &str = "Cannot unlock protective stop until 5s after occurrence. \
+    Always inspect cause of protective stop before unlocking";
 
 /// One link.
 #[derive(Default)]
@@ -106,6 +106,7 @@ fn reply(command: &str, robot: &mut Robot, scene: &mut Scene, now_s: f64) -> Str
         "close popup" => "closing popup".into(),
         "close safety popup" => "closing safety popup".into(),
         "quit" => "Disconnected".into(),
+        _ if command.starts_with("load ") => command.replacen("load", "File not found:", 1),
         _ if command.starts_with("popup ") => "showing popup".into(),
         _ if command.starts_with("addToLog ") => "Added log message".into(),
         _ => format!("could not understand: {command}"),

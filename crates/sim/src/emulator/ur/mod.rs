@@ -1,16 +1,18 @@
-//! A Universal Robots arm of the e-Series with PolyScope 5, as its ports show it. The facts are those of the public documents "RTDE
-//! guide", "Dashboard Server e-Series", "Primary and Secondary Interfaces" and "URScript manual", and of public clients.
+//! A Universal Robots arm of the e-Series with PolyScope 5, as its ports show it. The facts are those of the public
+//! documents "RTDE guide", "Dashboard Server e-Series", "Primary and Secondary Interfaces" and "URScript manual", and
+//! of public clients.
 //!
-//! Port 30004 is RTDE, 30002 the secondary interface, which takes programs, and 29999 the dashboard. Each served link has its own
-//! state. The controller belongs to all of them: its programs run while any link is open.
+//! Port 30004 is RTDE, 30002 the secondary interface, which takes programs, and 29999 the dashboard. Each served link
+//! has its own state. The controller belongs to all of them: its programs run while any link is open.
 //!
-//! The tip of the tool is the scene's indenter. Motions are straight, with a trapezoid of speed, and the speed slider scales their
-//! time. A slider that is moved during a motion changes its speed with the acceleration of the motion. A motion that only turns the
-//! tool takes its speed as rad/s. A blend radius is accepted, and the arm stops anyway. The joints aren't modelled, so a pose is
-//! reachable if it is near enough to the base.
+//! The tip of the tool is the scene's indenter. Motions are straight, with a trapezoid of speed, and the speed slider
+//! scales their time. A slider that is moved during a motion changes its speed with the acceleration of the motion. A
+//! motion that only turns the tool takes its speed as rad/s. A blend radius is accepted, and the arm stops anyway. The
+//! joints aren't modelled, so a pose is reachable if it is near enough to the base.
 //!
-//! `actual_TCP_force` is the force of the environment on the tool, in the base frame: a tool that points down and presses reads a
-//! positive z.
+//! `actual_TCP_force` is the force of the environment on the tool, in the base frame: a tool that points down and
+//! presses reads a positive z. `target_speed_fraction` is the slider. `speed_scaling` is that of the trajectory
+//! limiter, which doesn't act here: it stays 1. The product of both scales the speed of a motion.
 
 mod arm;
 mod dashboard;
@@ -58,8 +60,8 @@ pub struct UrEmulator {
 }
 
 impl UrEmulator {
-    /// Creates a robot that is switched on, with released brakes, in remote control. The tip is at the present place of the scene's
-    /// axes.
+    /// Creates a robot that is switched on, with released brakes, in remote control. The tip is at the present place of
+    /// the scene's axes.
     pub fn new(arm: UrArm, _scene: &Scene) -> Self {
         UrEmulator { rtde: Port::of(Arc::new(Mutex::new(Robot::new(arm))), Arc::default()) }
     }

@@ -41,8 +41,8 @@ pub(super) struct Path {
 }
 
 impl Path {
-    /// Begins a motion. The arm is at rest with the orientation `turn`. `slider` scales the time, so that the motion takes its
-    /// inverse longer.
+    /// Begins a motion. The arm is at rest with the orientation `turn`. `slider` scales the time, so that the motion
+    /// takes its inverse longer.
     pub(super) fn begin(
         arm: &UrArm,
         line: Line,
@@ -155,7 +155,7 @@ impl Path {
             let state = (scene.motion(axis).position_mm(now_s), scene.motion(axis).speed_mm_s(now_s));
             if (state.0 - self.targets_mm[n]).abs() > ROUNDING || state.1 != 0.0 {
                 // an axis beside the line has no share of the way, and returns slowly
-                let share = Some(self.share(n)).filter(|&share| share > ROUNDING).unwrap_or(0.01);
+                let share = Some(self.share(n)).filter(|&share| share > ROUNDING).unwrap_or(0.1);
                 let leg = Trajectory::to(now_s, state, self.targets_mm[n], speed * share, acceleration * share);
                 scene.set_motion(axis, leg, now_s);
             }

@@ -3,7 +3,7 @@
 use super::motion::{Line, Path};
 use super::pose::{Pose, norm};
 use super::robot::{EARLY_S, Robot, RobotMode, Runtime, Safety};
-use super::script::{Command, Program, Step};
+use super::script::{Command, Condition, Program, Step};
 use crate::scene::Scene;
 use std::collections::VecDeque;
 
@@ -129,8 +129,8 @@ impl Robot {
     fn step(&mut self, scene: &mut Scene, now_s: f64) {
         while let Some(step) = self.steps.pop_front() {
             let done = match step {
-                Step::If(pose, yes, no) => {
-                    let chosen = if self.can_reach(pose, scene, now_s) { yes } else { no };
+                Step::If(condition, yes, no) => {
+                    let chosen = if self.holds(&condition, scene, now_s) { yes } else { no };
                     chosen.into_iter().rev().for_each(|step| self.steps.push_front(step));
                     continue;
                 }
@@ -157,8 +157,8 @@ impl Robot {
     pub(super) fn run_secondary(&mut self, mut steps: VecDeque<Step>, scene: &mut Scene, now_s: f64) {
         while let Some(step) = steps.pop_front() {
             match step {
-                Step::If(pose, yes, no) => {
-                    let chosen = if self.can_reach(pose, scene, now_s) { yes } else { no };
+                Step::If(condition, yes, no) => {
+                    let chosen = if self.holds(&condition, scene, now_s) { yes } else { no };
                     chosen.into_iter().rev().for_each(|step| steps.push_front(step));
                 }
                 Step::Do(command) if self.set(&command) => {}
@@ -223,6 +223,10 @@ impl Robot {
         let end_s = path.end_s(scene);
         (self.path, self.line) = (Some(path), Some(line));
         end_s
+    }
+
+    fn holds(&self, condition: &Condition, scene: &mut Scene, now_s: f64) -> bool {
+        condition.iter().all(|&(within, pose)| self.can_reach(pose, scene, now_s) == within)
     }
 
     fn can_reach(&self, pose: Option<[f64; 6]>, scene: &mut Scene, now_s: f64) -> bool {

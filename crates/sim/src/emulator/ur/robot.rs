@@ -1,6 +1,6 @@
 //! The controller: power, safety, programs and registers. All its ports act on it.
 
-use super::arm::{UrArm, UrFaultKind};
+use super::arm::{UrArm, UrFault, UrFaultKind};
 use super::motion::{Deviation, Line, Path};
 use super::pose::Pose;
 use super::script::Step;
@@ -182,9 +182,10 @@ impl Robot {
     fn fail(&mut self, scene: &mut Scene, now_s: f64) {
         let faults = self.arm.faults.iter().enumerate();
         let Some((index, _)) = faults.min_by(|a, b| a.1.from_s.total_cmp(&b.1.from_s)) else { return };
-        match self.arm.faults.remove(index).kind {
+        let UrFault { from_s, kind } = self.arm.faults.remove(index);
+        match kind {
             UrFaultKind::ProtectiveStop if self.safety == Safety::Normal => {
-                self.safety = Safety::ProtectiveStop(now_s);
+                self.safety = Safety::ProtectiveStop(from_s);
                 self.pause_with(SAFETY_STOP_MM_S2, scene, now_s);
             }
             UrFaultKind::ProtectiveStop => {}
@@ -195,7 +196,7 @@ impl Robot {
             UrFaultKind::SpeedSlider(fraction) => self.move_slider(fraction, scene, now_s),
             UrFaultKind::RtdeLost => {
                 self.rtde_losses += 1;
-                self.rtde_lost_until_s = now_s + RTDE_LOST_S;
+                self.rtde_lost_until_s = from_s + RTDE_LOST_S;
             }
             UrFaultKind::RtdeSilent => self.rtde_silent = true,
             UrFaultKind::LocalControl => self.is_remote = false,

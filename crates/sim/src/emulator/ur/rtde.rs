@@ -1,8 +1,9 @@
 //! One link of the Real-Time Data Exchange (document: "RTDE guide").
 //!
-//! A link speaks version 1 of the protocol until version 2 is negotiated. The guide leaves open what a broken package does: a size
-//! below that of a header closes the link, and an unknown or malformed package is answered with a text message. Data packages are
-//! sent in multiples of the control cycle. If the client doesn't take them, packages are skipped and the most recent one is sent.
+//! A link speaks version 1 of the protocol until version 2 is negotiated. The guide leaves open what a broken package
+//! does: a size below that of a header closes the link, and an unknown or malformed package is answered with a text
+//! message. Data packages are sent in multiples of the control cycle. If the client doesn't take them, packages are
+//! skipped and the most recent one is sent.
 
 use super::link::Link;
 use super::robot::{EARLY_S, Robot};
@@ -25,8 +26,8 @@ const WARNING: u8 = 2;
 /// One link.
 pub(super) struct Rtde {
     number: u64,
-    /// Number of times that RTDE had been lost when the link was opened.
-    losses: u64,
+    /// Number of times that RTDE had been lost when the link was first served.
+    losses: Option<u64>,
     received: Vec<u8>,
     is_broken: bool,
     version: u16,
@@ -43,7 +44,7 @@ impl Link for Rtde {
         robot.links += 1;
         Rtde {
             number: robot.links,
-            losses: robot.rtde_losses,
+            losses: None,
             received: Vec::new(),
             is_broken: false,
             version: 1,
@@ -100,7 +101,8 @@ impl Link for Rtde {
     }
 
     fn owed(&mut self, robot: &mut Robot, scene: &mut Scene, now_s: f64) -> Owed {
-        if self.is_broken || self.losses != robot.rtde_losses || now_s < robot.rtde_lost_until_s {
+        let is_lost = *self.losses.get_or_insert(robot.rtde_losses) != robot.rtde_losses;
+        if self.is_broken || is_lost || now_s < robot.rtde_lost_until_s {
             return Owed::HungUp;
         }
         let Some(next) = self.next.filter(|_| !self.outputs.is_empty() && !robot.rtde_silent) else {

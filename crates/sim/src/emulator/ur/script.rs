@@ -14,9 +14,12 @@ pub(super) struct Program {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Step {
     Do(Command),
-    /// Chooses by whether the arm can reach a pose; `None` is the present one.
-    If(Option<[f64; 6]>, Vec<Step>, Vec<Step>),
+    /// Chooses by a condition.
+    If(Condition, Vec<Step>, Vec<Step>),
 }
+
+/// Condition: each pose (`None`: the present one) must be within reach, or not, as the first value says.
+pub(super) type Condition = Vec<(bool, Option<[f64; 6]>)>;
 
 /// Statement. Poses are in m and rad; `None` is the present pose.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,7 +60,7 @@ pub(super) fn take_program(received: &mut Vec<u8>) -> Option<Vec<u8>> {
             end = 0;
             continue;
         }
-        let word = line.split(|char: char| !char.is_ascii_alphabetic()).next().unwrap_or("");
+        let word = line.split(|char: char| !char.is_ascii_alphanumeric() && char != '_').next().unwrap_or("");
         match word {
             "def" | "sec" | "thread" | "if" | "while" | "for" => depth += 1,
             "end" => depth = depth.saturating_sub(1),
@@ -100,32 +103,44 @@ fn block<'a>(lines: &mut impl Iterator<Item = &'a str>) -> Option<(Vec<Step>, &'
             steps.push(Step::Do(Command::read(line)?));
             continue;
         };
-        let (pose, is_negated) = question(condition.trim().strip_suffix(':')?)?;
+        let condition =
+            peeled(condition.trim().strip_suffix(':')?).split(" and ").map(question).collect::<Option<_>>()?;
         let (yes, end) = block(lines)?;
         let (no, end) = if end == "end" { (Vec::new(), end) } else { block(lines)? };
         if end != "end" {
             return None;
         }
-        let (yes, no) = if is_negated { (no, yes) } else { (yes, no) };
-        steps.push(Step::If(pose, yes, no));
+        steps.push(Step::If(condition, yes, no));
     }
 }
 
-/// Reads a condition: whether a pose can be reached, or can't.
-fn question(condition: &str) -> Option<(Option<[f64; 6]>, bool)> {
-    let condition = condition.trim();
-    if let Some(inner) = condition.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) {
-        return question(inner);
-    }
-    if let Some(rest) = condition.strip_prefix("not ") {
-        return question(rest).map(|(pose, is_negated)| (pose, !is_negated));
-    }
-    let (name, arguments) = call(condition)?;
+/// Reads a question: whether a pose is within reach, or not.
+fn question(text: &str) -> Option<(bool, Option<[f64; 6]>)> {
+    let text = peeled(text);
+    let positive = text.strip_prefix("not").filter(|rest| rest.starts_with([' ', '(']));
+    let (name, arguments) = call(peeled(positive.unwrap_or(text)))?;
     if !["is_within_safety_limits", "get_inverse_kin_has_solution"].contains(&name) {
         return None;
     }
     let [pose] = sorted(arguments, ["pose"])?;
-    Some((target(pose?)?, false))
+    Some((positive.is_none(), target(pose?)?))
+}
+
+/// Returns an expression without spaces and parentheses around it.
+fn peeled(mut text: &str) -> &str {
+    loop {
+        text = text.trim();
+        let Some(inner) = text.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) else { return text };
+        let mut depth = 0;
+        let closes_inside = inner.chars().any(|char| {
+            depth += i32::from(char == '(') - i32::from(char == ')');
+            depth < 0
+        });
+        if closes_inside {
+            return text;
+        }
+        text = inner;
+    }
 }
 
 impl Command {
@@ -179,7 +194,8 @@ impl Command {
 
 /// Returns a line without its comment and the spaces around it.
 fn bare(line: &str) -> &str {
-    line.split('#').next().unwrap_or("").trim()
+    let comment = line.match_indices('#').find(|(at, _)| line[..*at].matches('"').count().is_multiple_of(2));
+    line[..comment.map_or(line.len(), |(at, _)| at)].trim()
 }
 
 /// Splits a call into its name and its arguments.

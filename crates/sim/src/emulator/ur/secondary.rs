@@ -1,5 +1,5 @@
-//! One link of the secondary client interface: it takes programs, and sends the state of the robot (document: "Primary and
-//! Secondary Interfaces").
+//! One link of the secondary client interface: it takes programs, and sends the state of the robot (document: "Primary
+//! and Secondary Interfaces"). States that a client doesn't read are lost, and the last one before may be cut off.
 
 use super::link::Link;
 use super::robot::{EARLY_S, Robot, RobotMode, Runtime};
@@ -10,7 +10,7 @@ use crate::scene::Scene;
 /// Time from one state message to the next, s.
 const PERIOD_S: f64 = 0.1;
 /// Longest program, bytes. The end of a longer one is read as if nothing came before it.
-const RECEIVED_MOST: usize = 1 << 20;
+const RECEIVED_MOST: usize = 1 << 15;
 /// Type of a message with the state, and of the part that states the modes, with its length, bytes.
 const ROBOT_STATE: u8 = 16;
 const MODE_DATA: u8 = 0;

@@ -1,4 +1,5 @@
-//! Variables of RTDE: names, types and values (document: "RTDE guide"). Names are resolved once, when a recipe is set up.
+//! Variables of RTDE: names, types and values (document: "RTDE guide"). Names are resolved once, when a recipe is set
+//! up.
 //!
 //! What the emulator doesn't model has a constant value: joint angles, currents, voltages and temperatures.
 
@@ -6,7 +7,7 @@ use super::readings::Readings;
 use super::robot::{Robot, RobotMode};
 
 /// Joint angles of every pose, rad: the kinematics isn't modelled.
-const JOINTS_RAD: [f64; 6] = [0.0, -1.5708, 1.5708, -1.5708, -1.5708, 0.0];
+const JOINTS_RAD: [f64; 6] = [0.0, -1.3, 1.8, -2.1, -1.6, 0.0];
 /// Joint mode of a joint that is running.
 const JOINT_RUNS: i32 = 253;
 
@@ -43,8 +44,8 @@ pub(super) enum Output {
     FixedLong,
 }
 
-/// Variables with a name each.
-const OUTPUTS: [(&str, Output); 60] = [
+/// Variables whose values are modelled.
+const OUTPUTS: [(&str, Output); 21] = [
     ("timestamp", Output::Timestamp),
     ("actual_TCP_pose", Output::Pose),
     ("target_TCP_pose", Output::PlannedPose),
@@ -54,8 +55,6 @@ const OUTPUTS: [(&str, Output); 60] = [
     ("ft_raw_wrench", Output::Force),
     ("tcp_force_scalar", Output::ForceSize),
     ("target_speed_fraction", Output::SpeedFraction),
-    // that of the trajectory limiter, which doesn't act here; clients multiply it by the fraction of the slider
-    ("speed_scaling", Output::Fixed(&[1.0])),
     ("robot_mode", Output::RobotMode),
     ("safety_mode", Output::Safety),
     ("safety_status", Output::Safety),
@@ -65,47 +64,33 @@ const OUTPUTS: [(&str, Output); 60] = [
     ("tcp_offset", Output::TcpOffset),
     ("payload", Output::Payload),
     ("payload_cog", Output::CentreOfGravity),
-    ("payload_inertia", Output::Fixed(&[0.0; 6])),
-    ("actual_digital_input_bits", Output::FixedLong),
     ("actual_digital_output_bits", Output::DigitalOutputs),
     ("output_bit_registers0_to_31", Output::Bits(0)),
     ("output_bit_registers32_to_63", Output::Bits(32)),
-    ("target_q", Output::Fixed(&JOINTS_RAD)),
-    ("actual_q", Output::Fixed(&JOINTS_RAD)),
-    ("target_qd", Output::Fixed(&[0.0; 6])),
-    ("actual_qd", Output::Fixed(&[0.0; 6])),
-    ("target_qdd", Output::Fixed(&[0.0; 6])),
-    ("target_current", Output::Fixed(&[0.0; 6])),
-    ("actual_current", Output::Fixed(&[0.0; 6])),
+];
+
+/// Variables whose values stay. `speed_scaling` is that of the trajectory limiter, which doesn't act here; clients
+/// multiply it by the fraction of the slider.
+const FIXED_OUTPUTS: [(&str, Output); 15] = [
+    ("target_q actual_q", Output::Fixed(&JOINTS_RAD)),
+    ("target_qd actual_qd target_qdd target_current actual_current target_moment", Output::Fixed(&[0.0; 6])),
+    ("joint_control_output payload_inertia", Output::Fixed(&[0.0; 6])),
     ("actual_current_window", Output::Fixed(&[0.5; 6])),
-    ("target_moment", Output::Fixed(&[0.0; 6])),
-    ("joint_control_output", Output::Fixed(&[0.0; 6])),
     ("joint_temperatures", Output::Fixed(&[30.0; 6])),
-    ("joint_mode", Output::JointModes),
-    ("actual_execution_time", Output::Fixed(&[0.5])),
-    ("actual_tool_accelerometer", Output::Fixed(&[0.0, 0.0, 9.81])),
-    ("actual_momentum", Output::Fixed(&[0.0])),
-    ("actual_main_voltage", Output::Fixed(&[48.0])),
-    ("actual_robot_voltage", Output::Fixed(&[48.0])),
-    ("actual_robot_current", Output::Fixed(&[1.0])),
     ("actual_joint_voltage", Output::Fixed(&[48.0; 6])),
-    ("elbow_position", Output::Fixed(&[0.0; 3])),
-    ("elbow_velocity", Output::Fixed(&[0.0; 3])),
-    ("analog_io_types", Output::FixedUnsigned),
-    ("standard_analog_input0", Output::Fixed(&[0.0])),
-    ("standard_analog_input1", Output::Fixed(&[0.0])),
-    ("standard_analog_output0", Output::Fixed(&[0.0])),
-    ("standard_analog_output1", Output::Fixed(&[0.0])),
-    ("io_current", Output::Fixed(&[0.0])),
-    ("tool_mode", Output::FixedUnsigned),
-    ("tool_analog_input_types", Output::FixedUnsigned),
-    ("tool_analog_input0", Output::Fixed(&[0.0])),
-    ("tool_analog_input1", Output::Fixed(&[0.0])),
+    ("joint_mode", Output::JointModes),
+    ("actual_tool_accelerometer", Output::Fixed(&[0.0, 0.0, 9.81])),
+    ("elbow_position elbow_velocity", Output::Fixed(&[0.0; 3])),
+    ("speed_scaling actual_robot_current actual_execution_time", Output::Fixed(&[1.0])),
+    ("actual_main_voltage actual_robot_voltage tool_temperature", Output::Fixed(&[48.0])),
+    (
+        "standard_analog_input0 standard_analog_input1 standard_analog_output0 standard_analog_output1 io_current \
+        tool_analog_input0 tool_analog_input1 tool_output_current actual_momentum collision_detection_ratio",
+        Output::Fixed(&[0.0]),
+    ),
     ("tool_output_voltage", Output::FixedSigned),
-    ("tool_output_current", Output::Fixed(&[0.0])),
-    ("tool_temperature", Output::Fixed(&[30.0])),
-    ("script_control_line", Output::FixedUnsigned),
-    ("collision_detection_ratio", Output::Fixed(&[0.0])),
+    ("analog_io_types tool_mode tool_analog_input_types script_control_line", Output::FixedUnsigned),
+    ("actual_digital_input_bits", Output::FixedLong),
 ];
 
 impl Output {
@@ -114,7 +99,8 @@ impl Output {
         let register = |prefix: &str, count: usize| numbered(name, prefix, 0..count);
         OUTPUTS
             .iter()
-            .find(|(known, _)| *known == name)
+            .chain(&FIXED_OUTPUTS)
+            .find(|(names, _)| names.split(' ').any(|known| known == name))
             .map(|&(_, output)| output)
             .or_else(|| register("output_int_register_", 48).map(Output::Integer))
             .or_else(|| register("output_double_register_", 48).map(Output::Double))
@@ -192,7 +178,7 @@ pub(super) enum Input {
 }
 
 /// Inputs without an effect here, and their types.
-const OTHER_INPUTS: [(&str, &str); 8] = [
+const OTHER_INPUTS: [(&str, &str); 9] = [
     ("input_bit_registers0_to_31", "UINT32"),
     ("input_bit_registers32_to_63", "UINT32"),
     ("standard_analog_output_mask", "UINT8"),
@@ -201,6 +187,7 @@ const OTHER_INPUTS: [(&str, &str); 8] = [
     ("standard_analog_output_1", "DOUBLE"),
     ("external_force_torque", "VECTOR6D"),
     ("tool_digital_output_mask", "UINT8"),
+    ("tool_digital_output", "UINT8"),
 ];
 
 impl Input {
@@ -251,8 +238,8 @@ fn doubles(values: &[f64], package: &mut Vec<u8>) {
     values.iter().for_each(|value| package.extend(value.to_be_bytes()));
 }
 
-/// Bits: normal, reduced, protective stop, recovery, safeguard stop, emergency stop of the system, of the robot, of any, violation,
-/// fault, stopped due to safety.
+/// Bits: normal, reduced, protective stop, recovery, safeguard stop, emergency stop of the system, of the robot, of
+/// any, violation, fault, stopped due to safety.
 fn safety_bits(robot: &Robot) -> u32 {
     match robot.safety_status().0 {
         1 => 1,
