@@ -1,7 +1,7 @@
 //! Enums over all drivers of a role, because a rig file selects the driver at run time. A driver has one line in the list of each
 //! of its roles. The identity that a device reports is prepared for display here.
 
-use super::{MissingLoadCell, daqmx, esp301, grbl, lines, marlin, modbus, process, ur, xps};
+use super::{MissingLoadCell, daqmx, esp301, grbl, klipper, lines, marlin, modbus, process, ur, xps};
 use palpate_core::quantity::{Axis, ForceReading};
 use palpate_link::device::{DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage, StageUse};
 use std::time::Duration;
@@ -117,6 +117,7 @@ stages! {
     Xps(Box<xps::Xps>),
     Grbl(grbl::Grbl),
     Marlin(marlin::Marlin),
+    Klipper(Box<klipper::Klipper>),
     Ur(Box<ur::Ur>),
     Process(process::ProcessStage),
 }

@@ -6,6 +6,7 @@ mod any;
 pub mod daqmx;
 mod esp301;
 pub mod grbl;
+pub mod klipper;
 pub mod lines;
 pub mod marlin;
 pub mod modbus;

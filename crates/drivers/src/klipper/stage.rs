@@ -1,0 +1,348 @@
+//! The stage: prepared without a motion, moved by one script for each motion, read back by its motors.
+
+use super::moonraker::Moonraker;
+use crate::MOTION_MARGIN;
+use palpate_core::quantity::{Axis, seconds};
+use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrders, Stage, StageUse};
+use palpate_link::wire::Connector;
+use serde_json::{Value, json};
+use std::time::Duration;
+
+/// Longest piece of a nudge, mm. It can't be stopped.
+const NUDGE_PIECE_MM: f64 = 0.05;
+
+/// Largest position of an axis at its zero, mm, where a person brought it.
+const ZERO_MOST_MM: f64 = 0.5;
+
+/// Largest difference between a step that the rig states and that of the printer, as a fraction.
+const STEP_DIFFERENCE: f64 = 1e-3;
+
+/// Rounding of reported positions, mm.
+const REPORT_ROUNDING_MM: f64 = 1e-5;
+
+/// A printer with Klipper and Moonraker.
+pub struct Klipper {
+    moonraker: Moonraker,
+    link: String,
+    usage: Option<StageUse>,
+    /// Step of x, y and z, mm.
+    step_mm: [f64; 3],
+    /// Where the axes were sent, or where they are after a doubt, mm.
+    at_mm: [f64; 3],
+    /// Where the axes were when the printer was identified, mm; `None` if it didn't know.
+    first_mm: Option<[f64; 3]>,
+    under_way: UnderWay,
+}
+
+/// What is known of the last motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum UnderWay {
+    /// It has ended.
+    Nothing,
+    /// Its answer is awaited.
+    Motion,
+    /// Its answer was lost: it may be under way.
+    Doubt,
+}
+
+/// What the printer reports of its axes.
+struct Report {
+    /// Where the motors are, mm.
+    at_mm: [f64; 3],
+    /// Where they were sent, mm.
+    ends_mm: [f64; 3],
+    /// Whether it knows the position of all axes.
+    is_known: bool,
+}
+
+impl Klipper {
+    /// Creates a printer behind a link; nothing is sent yet. `link` is its name in messages.
+    pub fn new(connector: Connector, link: String) -> Self {
+        Klipper {
+            moonraker: Moonraker::new(connector, link.clone()),
+            link,
+            usage: None,
+            step_mm: [f64::NAN; 3],
+            at_mm: [0.0; 3],
+            first_mm: None,
+            under_way: UnderWay::Nothing,
+        }
+    }
+
+    fn motion(&self, doing: &str, text: String) -> DeviceError {
+        self.moonraker.error(doing, DeviceProblem::Motion(text))
+    }
+
+    fn mismatch(&self, doing: &str, text: String) -> DeviceError {
+        self.moonraker.error(doing, DeviceProblem::Mismatch(text))
+    }
+
+    /// Compares the printer's settings with the rig's.
+    async fn read_settings(&mut self, usage: &StageUse) -> Result<(), DeviceError> {
+        let doing = "checking its settings against the rig";
+        let asked = json!({ "objects": { "configfile": ["settings"] } });
+        let answer = self.moonraker.ask(doing, "printer.objects.query", asked).await?;
+        let settings = &answer["status"]["configfile"]["settings"];
+        for axis in Axis::ALL {
+            let (name, stepper) = (axis.name(), &settings[format!("stepper_{}", axis.name())]);
+            let number = |key: &str| stepper[key].as_f64().filter(|number| *number > 0.0);
+            let (turn_mm, microsteps) = (number("rotation_distance"), number("microsteps"));
+            let full = number("full_steps_per_rotation").unwrap_or(200.0);
+            let geared = stepper["gear_ratio"].as_array().is_some_and(|ratios| !ratios.is_empty());
+            let step_mm = match (turn_mm, microsteps) {
+                (Some(turn_mm), Some(microsteps)) if !geared => turn_mm / (full * microsteps),
+                _ => {
+                    let text = format!(
+                        "[stepper_{name}] has no `rotation_distance` and `microsteps`, or a `gear_ratio`: its step isn't known"
+                    );
+                    return Err(self.mismatch(doing, text));
+                }
+            };
+            let stated_mm = usage.steps.along(axis);
+            if stated_mm > 0.0 && (stated_mm / step_mm - 1.0).abs() > STEP_DIFFERENCE
+                || stated_mm == 0.0 && step_mm / 2.0 > usage.steps.in_position_mm(axis)
+            {
+                let text = format!(
+                    "a step of {name} is {step_mm:.6} mm by [stepper_{name}], the rig states {stated_mm} mm; write `step_mm.{name} = \
+                     {step_mm:.6}` in [stage] if the printer is set correctly"
+                );
+                return Err(self.mismatch(doing, text));
+            }
+            self.step_mm[axis.index()] = step_mm;
+        }
+        let printer = &settings["printer"];
+        let all = [("max_velocity", usage.speed_mm_s), ("max_accel", usage.acceleration_mm_s2)];
+        let z = [("max_z_velocity", usage.speed_mm_s), ("max_z_accel", usage.acceleration_mm_s2)];
+        for (key, wanted) in all.into_iter().chain(z) {
+            if printer[key].as_f64().is_some_and(|most| most < wanted) {
+                let (most, rig) =
+                    (&printer[key], if key.ends_with("accel") { "acceleration_mm_s2" } else { "speed_mm_s" });
+                let text = format!("`{key}` of [printer] is {most}, the rig's `{rig}` is {wanted}");
+                return Err(self.mismatch(doing, text));
+            }
+        }
+        Ok(())
+    }
+
+    async fn report(&mut self, doing: &str) -> Result<Report, DeviceError> {
+        let asked = json!({ "objects": {
+            "toolhead": ["position", "homed_axes"], "motion_report": ["live_position"],
+            "gcode_move": ["gcode_position", "absolute_coordinates", "speed_factor"], "webhooks": ["state", "state_message"]
+        } });
+        let answer = self.moonraker.ask(doing, "printer.objects.query", asked).await?;
+        let status = &answer["status"];
+        self.check_ready(doing, &status["webhooks"])?;
+        let three = |list: &Value| -> Option<[f64; 3]> {
+            let numbers: Vec<f64> = list.as_array()?.iter().take(3).map_while(Value::as_f64).collect();
+            numbers.try_into().ok()
+        };
+        let (live, sent) = (three(&status["motion_report"]["live_position"]), three(&status["toolhead"]["position"]));
+        let homed = status["toolhead"]["homed_axes"].as_str().unwrap_or_default();
+        let is_known = Axis::ALL.iter().all(|axis| homed.contains(axis.name()));
+        let (gcode, by_gcode) = (&status["gcode_move"], three(&status["gcode_move"]["gcode_position"]));
+        // an offset, a mesh, G91 or M220 of somebody else would send the next motion elsewhere, or faster
+        let same = sent.zip(by_gcode).is_some_and(|(sent, by_gcode)| {
+            sent.iter().zip(by_gcode).all(|(sent_mm, gcode_mm)| (sent_mm - gcode_mm).abs() < REPORT_ROUNDING_MM)
+        });
+        let is_plain = gcode["absolute_coordinates"] == json!(true) && gcode["speed_factor"].as_f64() == Some(1.0);
+        match live.zip(sent) {
+            Some(_) if !same || !is_plain => {
+                let text = format!("its G-code coordinates or its speed factor aren't its own any more: {gcode}");
+                Err(self.motion(doing, text))
+            }
+            Some((at_mm, ends_mm)) => Ok(Report { at_mm, ends_mm, is_known }),
+            None => {
+                let expected = "`live_position` of motion_report and `position` of toolhead".to_owned();
+                let problem = DeviceProblem::Misfit { answer: status.to_string(), expected };
+                Err(self.moonraker.error(doing, problem))
+            }
+        }
+    }
+
+    fn check_ready(&self, doing: &str, webhooks: &Value) -> Result<(), DeviceError> {
+        match webhooks["state"].as_str() {
+            Some("ready") => Ok(()),
+            state => {
+                let (state, message) =
+                    (state.unwrap_or("unknown"), webhooks["state_message"].as_str().unwrap_or_default());
+                let message = message.lines().next().unwrap_or_default();
+                Err(self.motion(doing, format!("it is in the state {state} and lost its position: {message}")))
+            }
+        }
+    }
+
+    /// Waits for the end of what was sent, and reads the motors back. A motor that isn't where it was sent is an error.
+    async fn read_back(&mut self, doing: &str, expected: Duration) -> Result<[f64; 3], DeviceError> {
+        match self.under_way {
+            UnderWay::Nothing => {}
+            UnderWay::Motion => {
+                self.under_way = UnderWay::Doubt;
+                let answer = self.moonraker.answer(doing, "a motion and M400", expected + MOTION_MARGIN).await;
+                if !matches!(&answer, Err(error) if matches!(error.problem, DeviceProblem::Link(_))) {
+                    self.under_way = UnderWay::Nothing; // also a motion that was refused
+                }
+                answer?;
+            }
+            UnderWay::Doubt => {
+                // scripts run one after another: this one ends after the one whose answer was lost
+                self.moonraker.run(doing, "M400", expected + MOTION_MARGIN).await?;
+                self.under_way = UnderWay::Nothing;
+            }
+        }
+        let report = self.report(doing).await?;
+        if self.usage.is_some() && !report.is_known {
+            let text = "its motors were switched off, so its position is lost".to_owned();
+            return Err(self.motion(doing, text));
+        }
+        for axis in Axis::ALL {
+            let (name, at_mm, end_mm) = (axis.name(), report.at_mm[axis.index()], report.ends_mm[axis.index()]);
+            if (at_mm - end_mm).abs() > self.step_mm[axis.index()] / 2.0 + REPORT_ROUNDING_MM {
+                let text = format!("it was sent to {name} = {end_mm:.4} mm, but its motor is at {at_mm:.4} mm");
+                return Err(self.motion(doing, text));
+            }
+            if let Some(usage) = self.usage.as_ref().filter(|usage| !usage.reach(axis).contains(at_mm)) {
+                let reach = usage.reach(axis);
+                let text = format!("{name} is at {at_mm:.4} mm, outside {} to {} mm", reach.min, reach.max);
+                return Err(self.motion(doing, text));
+            }
+        }
+        self.at_mm = report.ends_mm;
+        Ok(report.at_mm)
+    }
+
+    /// Sends a motion to whole steps.
+    async fn send_motion(&mut self, doing: &str, to_mm: [f64; 3], speed_mm_s: f64) -> Result<(), DeviceError> {
+        let way_mm: [f64; 3] = std::array::from_fn(|axis| to_mm[axis] - self.at_mm[axis]);
+        let longest_mm = way_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
+        if longest_mm == 0.0 {
+            return Ok(());
+        }
+        let whole_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
+        let words = Axis::ALL
+            .into_iter()
+            .filter(|axis| way_mm[axis.index()] != 0.0)
+            .map(|axis| format!("{}{:.6} ", axis.name().to_uppercase(), to_mm[axis.index()]));
+        // the feed is along the path; no axis is faster than the speed
+        let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
+        let script = format!("G1 {}F{feed_mm_min:.3}\nM400", words.collect::<String>());
+        self.under_way = UnderWay::Doubt;
+        self.moonraker.begin(doing, &script).await?;
+        self.under_way = UnderWay::Motion;
+        self.at_mm = to_mm;
+        Ok(())
+    }
+
+    fn in_steps(&self, axis: Axis, mm: f64) -> f64 {
+        let step_mm = self.step_mm[axis.index()];
+        (mm / step_mm).round() * step_mm
+    }
+}
+
+impl Stage for Klipper {
+    async fn identify(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
+        let doing = "identifying it";
+        (self.usage, self.under_way) = (None, UnderWay::Nothing);
+        self.moonraker.close();
+        let info = self.moonraker.ask(doing, "printer.info", json!({})).await?;
+        self.check_ready(doing, &info)?;
+        let text = |key: &str| info[key].as_str().unwrap_or("unknown").to_owned();
+        let identity = format!("Klipper {} on {}", text("software_version"), text("hostname"));
+        self.read_settings(usage).await?;
+        // motors stay on, no bed mesh (z would follow x and y), no offset, the whole feed, absolute mm, the rig's acceleration
+        let acceleration = usage.acceleration_mm_s2;
+        let script = format!(
+            "SET_IDLE_TIMEOUT TIMEOUT=86400\nBED_MESH_CLEAR\nSET_GCODE_OFFSET X=0 Y=0 Z=0\nM220 S100\nG90\n\
+             SET_VELOCITY_LIMIT ACCEL={acceleration}\nM400"
+        );
+        self.moonraker.run(doing, &script, MOTION_MARGIN).await?;
+        let report = self.report(doing).await?;
+        self.first_mm = report.is_known.then_some(report.at_mm);
+        if !report.is_known {
+            // no motion: it counts from here, where a person brought the axes
+            self.moonraker.run(doing, "SET_KINEMATIC_POSITION X=0 Y=0 Z=0\nM400", Duration::ZERO).await?;
+        }
+        self.read_back(doing, Duration::ZERO).await?;
+        Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings: Vec::new() })
+    }
+
+    /// Moves in pieces, between which a stop counts.
+    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
+        let (doing, z) = ("moving z a little", Axis::Z.index());
+        let pieces = (way_mm / NUDGE_PIECE_MM).ceil().max(1.0);
+        let piece_mm = self.in_steps(Axis::Z, way_mm / pieces).max(self.step_mm[z]);
+        for _ in 0..pieces as u32 {
+            if orders.stopped() {
+                break;
+            }
+            let mut to_mm = self.at_mm;
+            to_mm[z] += usage.away * piece_mm;
+            self.send_motion(doing, to_mm, usage.home_speed_mm_s).await?;
+            self.read_back(doing, seconds(piece_mm / usage.home_speed_mm_s)).await?;
+        }
+        Ok(true)
+    }
+
+    async fn home(&mut self, usage: &StageUse, _: &MotionOrders) -> Result<(), DeviceError> {
+        let doing = "preparing it";
+        if !usage.by_hand {
+            let text = "a search for home can't be stopped: write `home = \"by hand\"` in [stage]".to_owned();
+            return Err(self.mismatch(doing, text));
+        }
+        let far = |first_mm: [f64; 3]| Axis::ALL.into_iter().find(|axis| first_mm[axis.index()].abs() > ZERO_MOST_MM);
+        if let Some((first_mm, axis)) = self.first_mm.and_then(|first_mm| Some((first_mm, far(first_mm)?))) {
+            let (name, at_mm) = (axis.name(), first_mm[axis.index()]);
+            let text = format!(
+                "{name} was at {at_mm:.2} mm by its count, but the rig's zero is 0: bring the axes to zero, then switch the motors off (M84)"
+            );
+            return Err(self.mismatch(doing, text));
+        }
+        self.usage = Some(usage.clone());
+        self.read_back(doing, Duration::ZERO).await.map(drop)
+    }
+
+    async fn begin(
+        &mut self,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
+        let doing = "starting a motion";
+        let Some(usage) = self.usage.clone() else {
+            return Err(self.motion(doing, "it isn't prepared".to_owned()));
+        };
+        if self.under_way != UnderWay::Nothing {
+            self.read_back(doing, Duration::ZERO).await?;
+        }
+        let mut to_mm = self.at_mm;
+        for (axis, target_mm) in targets {
+            if !usage.travel.along(*axis).contains(*target_mm) {
+                let text = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
+                return Err(self.motion(doing, text));
+            }
+            to_mm[axis.index()] = self.in_steps(*axis, *target_mm);
+        }
+        if orders.stopped() {
+            return Ok(());
+        }
+        self.send_motion(doing, to_mm, speed_mm_s).await
+    }
+
+    async fn follow(&mut self, axes: &[Axis], expected: Duration, _: &MotionOrders) -> Result<Vec<f64>, DeviceError> {
+        let at_mm = self.read_back("waiting for a motion to end", expected).await?;
+        Ok(axes.iter().map(|axis| at_mm[axis.index()]).collect())
+    }
+
+    /// Waits for the end of a motion first: a stop can't end it earlier.
+    async fn position_mm(&mut self, axis: Axis, _: &MotionOrders) -> Result<f64, DeviceError> {
+        Ok(self.read_back("reading a position", Duration::ZERO).await?[axis.index()])
+    }
+
+    /// Sends nothing: a motion under way ends at its own end point, and the driver sends no further one.
+    async fn stop(&mut self) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
+        Ok(Vec::new())
+    }
+}
