@@ -14,6 +14,7 @@
 //! - [`GrblEmulator`]: GRBL 1.1h on a frame of three axes.
 //! - [`MarlinEmulator`]: Marlin 2.1 on a printer of three axes.
 //! - [`UrEmulator`]: a Universal Robots arm of the e-Series with PolyScope 5, on its three ports.
+//! - [`KlipperEmulator`]: Klipper 0.12 behind Moonraker on a printer of three axes.
 //! - [`lines`]: boards that push lines or frames: an HX711, a Mark-10 gauge, a Net F/T, a Bota sensor or a GSV-8 (load cells), ReSkin, a text board or a Velostat matrix
 //!   (arrays).
 //! - [`ProcessStageEmulator`], [`ProcessLoadCellEmulator`], [`ProcessArrayEmulator`]: devices of the process protocol (docs/reference/process.md).
@@ -22,6 +23,7 @@ mod daqmx;
 mod datagrams;
 mod esp301;
 mod grbl;
+mod klipper;
 pub mod lines;
 pub mod listen;
 mod marlin;
@@ -36,6 +38,7 @@ mod xps;
 pub use daqmx::DaqmxEmulator;
 pub use esp301::Esp301Emulator;
 pub use grbl::{GrblEmulator, MotionBoard as GrblBoard, ROOM_MM as GRBL_ROOM_MM};
+pub use klipper::{KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultKind};
 pub use marlin::{MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultKind};
 pub use modbus::{
     LabJackT7, LaumasTlb, Modbus, Refusal, RegisterBytes, RegisterMap, RobotiqFt300, SenecaZsg, Transmitter,

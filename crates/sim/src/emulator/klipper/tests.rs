@@ -1,0 +1,1 @@
+//! Klipper behind Moonraker, request by request.
