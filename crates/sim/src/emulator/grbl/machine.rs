@@ -382,7 +382,7 @@ impl StraightMotion {
 }
 
 /// Trajectory of an axis that is at rest from `since_s` on.
-fn rest(place_mm: f64, since_s: f64) -> Trajectory {
+pub(in crate::emulator) fn rest(place_mm: f64, since_s: f64) -> Trajectory {
     Trajectory::stop(since_s, (place_mm, 0.0), 1.0)
 }
 

@@ -3,7 +3,8 @@
 
 use super::commands::VERSION;
 use super::http::{self, HttpRequest};
-use super::printer::{KlipperPrinter, Klippy, Outcome, Ticket};
+use super::klippy::Klippy;
+use super::printer::{KlipperPrinter, Outcome, Ticket};
 use super::status;
 use crate::scene::Scene;
 use serde_json::{Map, Value, json};
@@ -194,7 +195,7 @@ fn call(
     let outcome = match method {
         "server.info" => Ok(server_info(connected, printer.klippy.name())),
         "server.gcode_store" => {
-            let count = params.get("count").and_then(|count| count.as_u64().or(count.as_str()?.parse().ok()));
+            let count = params.get("count").and_then(|count| count.as_u64().or_else(|| count.as_str()?.parse().ok()));
             let skipped = count.map_or(0, |count| printer.store.len().saturating_sub(count as usize));
             let entry =
                 |(time_s, kind, text): &(f64, &str, String)| json!({"message": text, "time": time_s, "type": kind});

@@ -55,6 +55,11 @@ impl Default for KlipperBoard {
 }
 
 impl KlipperBoard {
+    /// Distance by which an axis moves back from its endstop, mm (`homing_retract_dist`).
+    pub(super) const RETRACT_MM: f64 = 5.0;
+    /// Speed at a right-angled corner, mm/s (`square_corner_velocity`). Moves here rest there.
+    pub(super) const SQUARE_CORNER_MM_S: f64 = 5.0;
+
     /// What an axis counts at its endstop, mm (`position_endstop`).
     pub fn endstop_mm(&self, axis: usize) -> f64 {
         if self.homes_to_plus[axis] { self.lengths_mm[axis] } else { 0.0 }
@@ -63,5 +68,11 @@ impl KlipperBoard {
     /// Place of the endstop of an axis, mm in the scene.
     pub(super) fn switch_mm(&self, axis: usize) -> f64 {
         self.min_ends_mm[axis] + self.endstop_mm(axis)
+    }
+
+    /// Returns the place that an axis reaches on the way to a place, mm in the scene.
+    pub(super) fn within_ends(&self, axis: usize, place_mm: f64) -> f64 {
+        let min_mm = self.min_ends_mm[axis];
+        place_mm.clamp(min_mm, min_mm + self.lengths_mm[axis])
     }
 }

@@ -2,7 +2,8 @@
 //! klippy/toolhead.py).
 
 use super::gcode::GcodeLine;
-use super::printer::{KlipperPrinter, Klippy, Stall, Then};
+use super::klippy::Klippy;
+use super::printer::{KlipperPrinter, Stall, Then};
 use crate::scene::Scene;
 use std::collections::VecDeque;
 
@@ -69,8 +70,8 @@ impl GcodeMove {
     fn set(&mut self, line: &GcodeLine<'_>) -> Result<(), String> {
         let values_mm = line.axes()?;
         let all = values_mm == [None; 3] && line.get("E")?.is_none();
-        for n in 0..3 {
-            if let Some(value_mm) = values_mm[n].or(all.then_some(0.0)) {
+        for (n, value_mm) in values_mm.into_iter().enumerate() {
+            if let Some(value_mm) = value_mm.or(all.then_some(0.0)) {
                 self.base_mm[n] = self.last_mm[n] - value_mm;
             }
         }
@@ -148,7 +149,7 @@ impl KlipperPrinter {
                 self.gcode.factor = factor;
             }
             "M400" => {
-                self.toolhead.flush(scene, now_s);
+                self.toolhead.flush(now_s, scene, now_s);
                 return Ok(self.still(Then::GoOn, now_s));
             }
             "SET_VELOCITY_LIMIT" => self.limit(&line, now_s)?,
@@ -165,7 +166,7 @@ impl KlipperPrinter {
             "BED_MESH_CLEAR" if mesh => {}
             "SET_KINEMATIC_POSITION" if force => {
                 let axes = line.axes()?;
-                self.toolhead.last_move_s(scene, now_s);
+                self.toolhead.synchronize(scene, now_s);
                 let at_mm = self.toolhead.commanded_mm;
                 self.toolhead.set_position(std::array::from_fn(|n| axes[n].unwrap_or(at_mm[n])));
                 self.toolhead.homed = [true; 3];
@@ -217,7 +218,7 @@ impl KlipperPrinter {
 
     /// Wait until everything planned has ended. Klipper looks at intervals.
     fn still(&self, then: Then, now_s: f64) -> Option<Stall> {
-        let left_s = self.toolhead.print_time_s - now_s;
+        let left_s = self.toolhead.plan.print_time_s - now_s;
         let until_s = now_s + if left_s < 0.0 { 0.0 } else { POLL_S * ((left_s / POLL_S).floor() + 1.0) };
         Some(Stall { until_s, then })
     }
@@ -256,7 +257,7 @@ impl KlipperPrinter {
                 .collect::<Vec<_>>()
                 .join(" ")
         };
-        let (axes, stepped_mm) = (["X", "Y", "Z"], self.toolhead.stepped_mm());
+        let (axes, stepped_mm) = (["X", "Y", "Z"], self.toolhead.plan.stepped_mm());
         let lines = [
             format!("stepper: {}", list(["stepper_x", "stepper_y", "stepper_z"], stepped_mm)),
             format!("kinematic: {}", list(axes, stepped_mm)),

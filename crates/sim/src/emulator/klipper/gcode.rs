@@ -33,7 +33,7 @@ impl<'a> GcodeLine<'a> {
         let first = words.get(if numbered { 2 } else { 1 }).cloned().unwrap_or_default();
         let before = if numbered { "" } else { &words[0].1 };
         let command = format!("{before}{}{}", first.0, first.1).trim().to_owned();
-        let traditional = command.bytes().nth(1).is_some_and(|byte| byte.is_ascii_digit());
+        let traditional = command.as_bytes().get(1).is_some_and(u8::is_ascii_digit);
         let params = if traditional {
             Some(words.into_iter().map(|(name, value)| (name, value.trim().to_owned())).collect())
         } else {

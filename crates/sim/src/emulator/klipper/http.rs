@@ -17,8 +17,8 @@ impl HttpReader {
             return (self.0.len() > HEAD_MOST).then(|| std::mem::take(&mut self.0));
         };
         let body = match HttpRequest::parse(&self.0[..head]) {
-            Some(request) if request.length <= BODY_MOST => request.length,
-            _ => return Some(std::mem::take(&mut self.0)),
+            Some(request) => request.length,
+            None => return Some(std::mem::take(&mut self.0)),
         };
         (self.0.len() >= head + body).then(|| self.0.drain(..head + body).collect())
     }
@@ -61,7 +61,7 @@ impl<'a> HttpRequest<'a> {
             let (name, value) = line.split_once(':')?;
             let value = value.trim();
             match name.to_ascii_lowercase().as_str() {
-                "content-length" => request.length = value.parse().ok()?,
+                "content-length" => request.length = value.parse().ok().filter(|&length| length <= BODY_MOST)?,
                 "content-type" => request.json = value.starts_with("application/json"),
                 "connection" => request.closes = value.eq_ignore_ascii_case("close"),
                 "transfer-encoding" => return None,

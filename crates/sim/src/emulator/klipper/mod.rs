@@ -1,10 +1,10 @@
 //! A 3D printer with stock Klipper 0.12, reached through the HTTP port of Moonraker (documents: docs/Status_Reference.md,
-//! docs/G-Codes.md and docs/API_Server.md of Klipper3d/klipper and its klippy folder; docs/external_api of Arksine/moonraker and its
-//! moonraker/components folder).
+//! docs/G-Codes.md and docs/API_Server.md of Klipper3d/klipper and its klippy folder; docs/external_api of Arksine/moonraker
+//! and its moonraker/components folder).
 //!
-//! A script is answered when its last line is carried out. A move is carried out when it is queued, so only M400 waits for the
-//! axes, and looks every 0.1 s. Klipper runs one script at a time: others wait, also on other connections. Queries and the emergency stop
-//! don't wait. A connection answers one request after another.
+//! A script is answered when its last line is carried out. A move is carried out when it is queued. So only M400 waits for the
+//! axes, and it looks every 0.1 s. Klipper runs one script at a time: others wait, also on other connections. Queries and the
+//! emergency stop don't wait. A connection answers one request after another.
 //!
 //! Moves end at corners with a rest. Moves along one line at one speed are joined. There is no extruder, no heater and no
 //! subscription. Axes whose motors are off stay where they are.
@@ -15,6 +15,8 @@ mod commands;
 mod fault;
 mod gcode;
 mod http;
+mod klippy;
+mod plan;
 mod printer;
 mod status;
 #[cfg(test)]

@@ -4,6 +4,7 @@
 use super::board::KlipperBoard;
 use super::commands::{GcodeMove, POLL_S};
 use super::fault::{KlipperFaultKind, KlipperFaults};
+use super::klippy::{Klippy, SHUTDOWN, TIMER_TOO_CLOSE};
 use super::toolhead::Toolhead;
 use crate::scene::Scene;
 use serde_json::Value;
@@ -46,17 +47,6 @@ pub(super) struct KlipperPrinter {
     pub stirred: bool,
 }
 
-/// State of Klipper's host software.
-pub(super) enum Klippy {
-    Ready,
-    /// Shut down, with a message.
-    Shutdown(String),
-    /// Moonraker isn't connected to it until this time, s.
-    Disconnected(f64),
-    /// It connects to the microcontroller until this time, s.
-    Startup(f64),
-}
-
 /// A script that runs or waits for its turn.
 struct Script {
     lines: VecDeque<String>,
@@ -90,32 +80,6 @@ enum Event {
     Flush,
     Script,
     Idle,
-}
-
-impl Klippy {
-    /// Name of the state.
-    pub(super) fn name(&self) -> &'static str {
-        match self {
-            Klippy::Ready => "ready",
-            Klippy::Shutdown(_) => "shutdown",
-            Klippy::Disconnected(_) => "disconnected",
-            Klippy::Startup(_) => "startup",
-        }
-    }
-
-    /// Message of the state.
-    pub(super) fn message(&self) -> String {
-        match self {
-            Klippy::Ready => "Printer is ready".into(),
-            Klippy::Shutdown(message) => message.clone(),
-            Klippy::Disconnected(_) => "Klippy Disconnected".into(),
-            Klippy::Startup(_) => concat!(
-                "\nPrinter is not ready\nThe klippy host software is attempting to connect.  Please\n",
-                "retry in a few moments.\n"
-            )
-            .into(),
-        }
-    }
 }
 
 impl KlipperPrinter {
@@ -157,7 +121,7 @@ impl KlipperPrinter {
                         _ => Klippy::Ready,
                     }
                 }
-                Event::Flush => self.toolhead.flush_in_time(scene, now_s),
+                Event::Flush => self.toolhead.flush(at_s, scene, now_s),
                 Event::Script => self.carry_on(scene, now_s),
                 Event::Idle => self.rest(scene, now_s),
             }
@@ -194,9 +158,9 @@ impl KlipperPrinter {
     /// State of the idle timeout, and the time for which it counts as printing, s.
     pub(super) fn activity(&self, now_s: f64) -> (&'static str, f64) {
         let busy = self.toolhead.is_queueing() || !self.scripts.is_empty();
-        match self.toolhead.active_s {
+        match self.toolhead.plan.active_s {
             None => ("Idle", 0.0),
-            Some(since_s) if busy || now_s < self.toolhead.print_time_s + READY_S => ("Printing", now_s - since_s),
+            Some(since_s) if busy || now_s < self.toolhead.plan.print_time_s + READY_S => ("Printing", now_s - since_s),
             Some(_) => ("Ready", 0.0),
         }
     }
@@ -227,8 +191,10 @@ impl KlipperPrinter {
         };
         let script_s = self.scripts.front().map_or(f64::INFINITY, |script| script.stall.until_s);
         let can_rest = matches!(self.klippy, Klippy::Ready) && self.scripts.is_empty() && !self.toolhead.is_queueing();
-        let idle_s = match self.toolhead.active_s {
-            Some(_) if can_rest => self.idle_from_s.max(self.toolhead.print_time_s + READY_S) + self.idle_timeout_s,
+        let idle_s = match self.toolhead.plan.active_s {
+            Some(_) if can_rest => {
+                self.idle_from_s.max(self.toolhead.plan.print_time_s + READY_S) + self.idle_timeout_s
+            }
             _ => f64::INFINITY,
         };
         [
@@ -281,7 +247,7 @@ impl KlipperPrinter {
     /// Switches the motors off after the idle timeout.
     fn rest(&mut self, scene: &mut Scene, now_s: f64) {
         self.toolhead.motors_off(scene, now_s);
-        self.toolhead.active_s = None;
+        self.toolhead.plan.active_s = None;
     }
 
     /// Restarts the host and the microcontroller. All that wait for Klipper get an error.
@@ -297,16 +263,3 @@ impl KlipperPrinter {
         self.klippy = Klippy::Disconnected(now_s + DISCONNECTED_S);
     }
 }
-
-/// Message of a microcontroller that got a step too late.
-const TIMER_TOO_CLOSE: &str = concat!(
-    "MCU 'mcu' shutdown: Timer too close\nThis often indicates the host computer is overloaded. Check\n",
-    "for other processes consuming excessive CPU time, high swap\nusage, disk errors, overheating, unstable voltage, or\n",
-    "similar system problems on the host computer."
-);
-
-/// Advice that follows the reason of a shutdown.
-const SHUTDOWN: &str = concat!(
-    "\nOnce the underlying issue is corrected, use the\n\"FIRMWARE_RESTART\" command to reset the firmware, reload the\n",
-    "config, and restart the host software.\nPrinter is shutdown\n"
-);

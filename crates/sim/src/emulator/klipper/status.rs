@@ -9,8 +9,6 @@ use serde_json::{Map, Value, json};
 const EVENT_TIME_S: f64 = 4711.25;
 /// Full steps of a motor's turn, and microsteps of each.
 const STEPS_PER_TURN: (f64, f64) = (200.0, 16.0);
-/// Distance by which an axis moves back from its endstop, mm.
-const RETRACT_MM: f64 = 5.0;
 
 /// Names of the objects.
 pub(super) fn names(board: &KlipperBoard) -> Vec<&'static str> {
@@ -51,7 +49,7 @@ fn object(name: &str, printer: &mut KlipperPrinter, now_s: f64) -> Value {
                 "homed_axes": homed,
                 "axis_minimum": with_extruder([0.0; 3]),
                 "axis_maximum": with_extruder(toolhead.board.lengths_mm),
-                "print_time": toolhead.print_time_s,
+                "print_time": toolhead.plan.print_time_s,
                 "stalls": 0,
                 "estimated_print_time": now_s,
                 "extruder": "",
@@ -113,7 +111,7 @@ fn settings(board: &KlipperBoard) -> Value {
             "position_endstop": board.endstop_mm(n),
             "homing_speed": board.homing_mm_s[n],
             "second_homing_speed": board.homing_mm_s[n] / 2.0,
-            "homing_retract_dist": RETRACT_MM,
+            "homing_retract_dist": KlipperBoard::RETRACT_MM,
             "homing_retract_speed": board.homing_mm_s[n],
             "homing_positive_dir": board.homes_to_plus[n],
         })
@@ -124,7 +122,7 @@ fn settings(board: &KlipperBoard) -> Value {
         "max_velocity": board.max_velocity_mm_s,
         "max_accel": board.max_accel_mm_s2,
         "max_accel_to_decel": board.max_accel_mm_s2 / 2.0,
-        "square_corner_velocity": 5.0,
+        "square_corner_velocity": KlipperBoard::SQUARE_CORNER_MM_S,
         "max_z_velocity": board.max_z_velocity_mm_s,
         "max_z_accel": board.max_z_accel_mm_s2,
     });
