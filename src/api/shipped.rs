@@ -22,7 +22,7 @@ pub(crate) const RECIPES: &[Shipped] =
 
 /// The rigs: `rigs/NAME.toml`.
 pub(crate) const RIGS: &[Shipped] = &shipped!(
-    "rigs": "sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "marlin", "ur", "matrix", "process", "printer", "batch"
+    "rigs": "sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "marlin", "klipper", "ur", "matrix", "process", "printer", "batch"
 );
 
 /// The batches: `batches/NAME.toml`.

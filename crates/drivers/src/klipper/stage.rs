@@ -27,6 +27,8 @@ pub struct Klipper {
     usage: Option<StageUse>,
     /// Step of x, y and z, mm.
     step_mm: [f64; 3],
+    /// Where the zero of the rig's axes is in the printer's coordinates, mm.
+    zero_mm: [f64; 3],
     /// Where the axes were sent, or where they are after a doubt, mm.
     at_mm: [f64; 3],
     /// Where the axes were when the printer was identified, mm; `None` if it didn't know.
@@ -63,6 +65,7 @@ impl Klipper {
             link,
             usage: None,
             step_mm: [f64::NAN; 3],
+            zero_mm: [0.0; 3],
             at_mm: [0.0; 3],
             first_mm: None,
             under_way: UnderWay::Nothing,
@@ -109,6 +112,7 @@ impl Klipper {
                 return Err(self.mismatch(doing, text));
             }
             self.step_mm[axis.index()] = step_mm;
+            self.zero_mm[axis.index()] = self.zero_of(doing, axis, stepper, usage)?;
         }
         let printer = &settings["printer"];
         let all = [("max_velocity", usage.speed_mm_s), ("max_accel", usage.acceleration_mm_s2)];
@@ -124,6 +128,22 @@ impl Klipper {
         Ok(())
     }
 
+    /// Returns the place of the rig's zero in the printer's coordinates, mm: the middles of both travels are at one place. It is the same
+    /// after each start.
+    fn zero_of(&self, doing: &str, axis: Axis, stepper: &Value, usage: &StageUse) -> Result<f64, DeviceError> {
+        let (name, travel) = (axis.name(), usage.travel.along(axis));
+        let end = |key: &str| stepper[key].as_f64();
+        let (min_mm, max_mm) = (end("position_min").unwrap_or(0.0), end("position_max").unwrap_or(f64::NAN));
+        if !(travel.max - travel.min <= max_mm - min_mm) {
+            let text = format!(
+                "{name} goes from {min_mm} to {max_mm} mm by [stepper_{name}], and the rig's travel has {} mm",
+                travel.max - travel.min
+            );
+            return Err(self.mismatch(doing, text));
+        }
+        Ok(self.in_steps(axis, (min_mm + max_mm - travel.min - travel.max) / 2.0))
+    }
+
     async fn report(&mut self, doing: &str) -> Result<Report, DeviceError> {
         let asked = json!({ "objects": {
             "toolhead": ["position", "homed_axes"], "motion_report": ["live_position"],
@@ -134,8 +154,9 @@ impl Klipper {
         self.check_ready(doing, &status["webhooks"])?;
         let three = |list: &Value| -> Option<[f64; 3]> {
             let numbers: Vec<f64> = list.as_array()?.iter().take(3).map_while(Value::as_f64).collect();
-            numbers.try_into().ok()
+            <[f64; 3]>::try_from(numbers).ok()
         };
+        let own = |mm: [f64; 3]| std::array::from_fn(|axis| mm[axis] - self.zero_mm[axis]);
         let (live, sent) = (three(&status["motion_report"]["live_position"]), three(&status["toolhead"]["position"]));
         let homed = status["toolhead"]["homed_axes"].as_str().unwrap_or_default();
         let is_known = Axis::ALL.iter().all(|axis| homed.contains(axis.name()));
@@ -150,7 +171,7 @@ impl Klipper {
                 let text = format!("its G-code coordinates or its speed factor aren't its own any more: {gcode}");
                 Err(self.motion(doing, text))
             }
-            Some((at_mm, ends_mm)) => Ok(Report { at_mm, ends_mm, is_known }),
+            Some((at_mm, ends_mm)) => Ok(Report { at_mm: own(at_mm), ends_mm: own(ends_mm), is_known }),
             None => {
                 let expected = "`live_position` of motion_report and `position` of toolhead".to_owned();
                 let problem = DeviceProblem::Misfit { answer: status.to_string(), expected };
@@ -218,10 +239,9 @@ impl Klipper {
             return Ok(());
         }
         let whole_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
-        let words = Axis::ALL
-            .into_iter()
-            .filter(|axis| way_mm[axis.index()] != 0.0)
-            .map(|axis| format!("{}{:.6} ", axis.name().to_uppercase(), to_mm[axis.index()]));
+        let words = Axis::ALL.into_iter().filter(|axis| way_mm[axis.index()] != 0.0).map(|axis| {
+            format!("{}{:.6} ", axis.name().to_uppercase(), self.zero_mm[axis.index()] + to_mm[axis.index()])
+        });
         // the feed is along the path; no axis is faster than the speed
         let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
         let script = format!("G1 {}F{feed_mm_min:.3}\nM400", words.collect::<String>());
@@ -259,7 +279,9 @@ impl Stage for Klipper {
         self.first_mm = report.is_known.then_some(report.at_mm);
         if !report.is_known {
             // no motion: it counts from here, where a person brought the axes
-            self.moonraker.run(doing, "SET_KINEMATIC_POSITION X=0 Y=0 Z=0\nM400", Duration::ZERO).await?;
+            let [x, y, z] = self.zero_mm;
+            let script = format!("SET_KINEMATIC_POSITION X={x:.6} Y={y:.6} Z={z:.6}\nM400");
+            self.moonraker.run(doing, &script, Duration::ZERO).await?;
         }
         self.read_back(doing, Duration::ZERO).await?;
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings: Vec::new() })

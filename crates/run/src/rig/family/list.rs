@@ -1,13 +1,14 @@
 //! Every family, and the possible values of `driver` for each role.
 
-use super::{DeviceFamily, daqmx, esp301, grbl, lines, marlin, modbus, process, ur, xps};
+use super::{DeviceFamily, daqmx, esp301, grbl, klipper, lines, marlin, modbus, process, ur, xps};
 use palpate_document::{Case, Keys, ValueKind};
 
 /// Every family, in the order in which messages name them.
-pub const FAMILIES: [&DeviceFamily; 9] = [
+pub const FAMILIES: [&DeviceFamily; 10] = [
     &esp301::FAMILY,
     &grbl::FAMILY,
     &marlin::FAMILY,
+    &klipper::FAMILY,
     &ur::FAMILY,
     &modbus::FAMILY,
     &lines::FAMILY,

@@ -1,13 +1,14 @@
 //! Marlin 2: a 3D printer as a stage.
 
+use super::printer::misfits;
 use super::{DeviceFamily, Links, Role};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{Dial, Driver, Home, Misfit, RigSpec, StageDriver};
+use crate::rig::spec::{Dial, Driver, Misfit, RigSpec, StageDriver};
 use palpate_core::quantity::{Axis, StageAbilities};
 use palpate_drivers::AnyStage;
 use palpate_drivers::marlin::{LEAST_STEPS, Marlin};
 use palpate_sim::emulator::{GRBL_ROOM_MM, MarlinBoard, MarlinEmulator as Emulator};
-use palpate_sim::scene::{Scene, SceneDevice};
+use palpate_sim::scene::Scene;
 use std::sync::Arc;
 
 pub(super) const FAMILY: DeviceFamily = DeviceFamily {
@@ -29,16 +30,7 @@ struct MarlinStageSpec;
 
 impl Driver for MarlinStageSpec {
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
-        let misfit = |text: &str, help| Misfit { role: SceneDevice::Stage, text: text.to_owned(), help: Some(help) };
-        let mut misfits = Vec::new();
-        if rig.stage.home != Home::ByHand {
-            let help = "write `home = \"by hand\"`: a person brings the axes to the rig's zero";
-            misfits.push(misfit("a printer can't be stopped while it searches for home", help));
-        }
-        if rig.drag.is_some() {
-            misfits.push(misfit("a printer can't be stopped during a drag", "remove `drag` of [limits]"));
-        }
-        misfits
+        misfits(rig)
     }
 }
 

@@ -6,10 +6,12 @@
 mod daqmx;
 mod esp301;
 mod grbl;
+mod klipper;
 mod lines;
 mod list;
 mod marlin;
 mod modbus;
+mod printer;
 mod process;
 mod ur;
 mod xps;
