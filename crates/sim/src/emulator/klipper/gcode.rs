@@ -1,5 +1,8 @@
 //! A line of G-code: a command and its parameters (Klipper's klippy/gcode.py).
 
+/// Largest number that is read. Klipper has no such limit.
+const MOST: f64 = 1e9;
+
 /// A line of a script.
 pub(super) struct GcodeLine<'a> {
     /// The command in capitals, such as `G1` or `SET_GCODE_OFFSET`. Empty without one.
@@ -56,7 +59,7 @@ impl<'a> GcodeLine<'a> {
     /// A number, if the parameter is there.
     pub(super) fn number(&self, name: &str) -> Result<Option<f64>, String> {
         let Some(value) = self.get(name)? else { return Ok(None) };
-        let number = value.parse().ok().filter(|number: &f64| number.is_finite());
+        let number = value.parse().ok().filter(|number: &f64| number.abs() <= MOST);
         number.map(Some).ok_or_else(|| format!("Error on '{}': unable to parse {value}", self.text))
     }
 

@@ -1,10 +1,13 @@
 //! Klipper behind Moonraker, request by request.
 
+mod bench;
+
 use super::*;
-use crate::emulator::tests::{POWER_ON, Wire, scene, shared};
+use crate::emulator::tests::POWER_ON;
+use bench::{KlipperBench, post, read, rpc};
 use palpate_core::quantity::Axis;
-use palpate_link::time::{Instant, sleep_until};
-use serde_json::{Value, json};
+use palpate_link::time::{sleep_until, timeout};
+use serde_json::json;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
 
@@ -12,92 +15,6 @@ const HEAD: &str = "HTTP/1.1 200 OK\r\nServer: TornadoServer/6.4.0\r\nContent-Ty
                     Date: Mon, 01 Jan 2024 00:00:00 GMT\r\n";
 /// Lets the printer count 12.5 where it is switched on, without a search for home.
 const PLACED: &str = "SET_KINEMATIC_POSITION X=12.5 Y=12.5 Z=12.5\nG91";
-
-/// A printer and its scene on the wire.
-struct KlipperBench {
-    klipper: Shared<KlipperEmulator>,
-    scene: Shared<Scene>,
-    origin: Instant,
-    wire: Wire,
-}
-
-impl KlipperBench {
-    fn new(faults: &[(f64, KlipperFaultKind)]) -> Self {
-        let faults = faults.iter().map(|&(from_s, kind)| KlipperFault { from_s, kind }).collect();
-        KlipperBench::on(KlipperBoard { faults, ..KlipperBoard::default() })
-    }
-
-    /// A frame whose middle is in the middle of the scene. z homes up.
-    fn on(board: KlipperBoard) -> Self {
-        let homes_to_plus = [false, false, true];
-        let board = KlipperBoard { min_ends_mm: [-12.5; 3], lengths_mm: [25.0; 3], homes_to_plus, ..board };
-        let scene = scene();
-        let klipper = shared(KlipperEmulator::new(board, &scene));
-        let (scene, origin) = (shared(scene), Instant::now());
-        let wire = Wire::to(klipper.clone(), scene.clone(), origin);
-        KlipperBench { klipper, scene, origin, wire }
-    }
-
-    /// A further connection.
-    fn open(&self) -> Wire {
-        Wire::to(self.klipper.clone(), self.scene.clone(), self.origin)
-    }
-    fn now_s(&self) -> f64 {
-        self.origin.elapsed().as_secs_f64()
-    }
-
-    async fn wait(&self, until_s: f64) {
-        sleep_until(self.origin + Duration::from_secs_f64(until_s)).await;
-    }
-
-    async fn script(&mut self, script: &str) -> Value {
-        rpc(&mut self.wire, "printer.gcode.script", json!({"script": script})).await
-    }
-
-    async fn say(&mut self, script: &str) {
-        assert_eq!(self.script(script).await["result"], "ok", "{script}");
-    }
-
-    /// Message of the error that a script ends with.
-    async fn refused(&mut self, script: &str) -> String {
-        let reply = self.script(script).await;
-        assert_eq!(reply["error"]["code"], 400, "{script}");
-        reply["error"]["message"].as_str().expect("a message").to_owned()
-    }
-
-    async fn field(&mut self, object: &str, field: &str) -> Value {
-        let reply = rpc(&mut self.wire, "printer.objects.query", json!({"objects": {object: [field]}})).await;
-        reply["result"]["status"][object][field].clone()
-    }
-
-    fn true_mm(&self, axis: Axis, at_s: f64) -> f64 {
-        (self.scene.lock().expect("a scene").axis(axis, at_s).0 * 1e6).round() / 1e6
-    }
-}
-
-/// Sends a request with JSON.
-async fn post(wire: &mut Wire, path: &str, body: &str) -> (u16, Value) {
-    let length = body.len();
-    let head = format!("POST {path} HTTP/1.1\r\nContent-Type: application/json\r\nContent-Length: {length}\r\n\r\n");
-    read(wire, &(head + body)).await
-}
-
-/// Sends a request, and reads the status and the body of one answer.
-async fn read(wire: &mut Wire, request: &str) -> (u16, Value) {
-    wire.send(request.as_bytes()).await;
-    let mut head = String::new();
-    while !head.ends_with("\r\n\r\n") {
-        head.push(char::from(wire.stream().read_u8().await.expect("an answer")));
-    }
-    let length = head.split("Content-Length: ").nth(1).and_then(|rest| rest.lines().next()).expect("a length");
-    let body = wire.ask(b"", length.parse().expect("a number")).await;
-    (head[9..12].parse().expect("a status"), serde_json::from_slice(&body).expect("JSON"))
-}
-
-async fn rpc(wire: &mut Wire, method: &str, params: Value) -> Value {
-    let call = json!({"jsonrpc": "2.0", "method": method, "params": params, "id": 7});
-    post(wire, "/server/jsonrpc", &call.to_string()).await.1
-}
 
 #[tokio::test(start_paused = true)]
 async fn requests_and_answers_have_their_form_byte_by_byte() {
@@ -139,8 +56,6 @@ async fn the_rest_form_answers_in_its_own_way() {
     let found = json!({"toolhead": {"homed_axes": "", "foo": null}, "bar": {},
         "webhooks": {"state": "ready", "state_message": "Printer is ready"}});
     assert_eq!((status, &body["result"]["status"]), (200, &found));
-    let (_, body) = read(wire, "GET /server/info HTTP/1.1\r\n\r\n").await;
-    assert_eq!(body["result"]["klippy_state"], "ready");
     let script = "POST /printer/gcode/script?script=G91%0AG1+X1 HTTP/1.1\r\n\r\n";
     let (status, body) = read(wire, script).await;
     assert_eq!((status, &body["error"]["message"]), (400, &json!("Must home axis first: 1.000 0.000 0.000 [0.000]")));
@@ -225,7 +140,6 @@ async fn motors_are_switched_off_after_ten_minutes_and_the_axes_stay() {
     assert_eq!(bench.field("idle_timeout", "state").await, "Ready");
     bench.wait(601.0).await;
     assert_eq!(bench.field("idle_timeout", "state").await, "Idle");
-    assert_eq!(bench.field("toolhead", "homed_axes").await, "");
     assert_eq!(bench.true_mm(Axis::X, bench.now_s()), POWER_ON.x_mm + 1.0);
     bench.say(PLACED).await;
     bench.wait(801.0).await;
@@ -252,6 +166,13 @@ async fn a_shutdown_or_a_restart_ends_the_motion() {
     assert_eq!(bench.field("toolhead", "homed_axes").await, "");
     let lost = bench.script(&format!("{PLACED}\nG1 X2 F60\nM400")).await;
     assert_eq!(lost["error"], json!({"code": 503, "message": "Klippy Disconnected"}));
+    // a wait that a shutdown ends is no error
+    bench.wait(30.0).await;
+    let (mut other, moves) = (bench.open(), format!("{PLACED}\nG1 X2 F60\nM400"));
+    let until = bench.origin + Duration::from_secs(31);
+    let stop = async { (sleep_until(until).await, rpc(&mut other, "printer.emergency_stop", json!({})).await) };
+    assert_eq!(tokio::join!(bench.say(&moves), stop).1.1["result"], "ok");
+    assert!(bench.now_s() < 31.11);
 }
 
 #[tokio::test(start_paused = true)]
@@ -266,7 +187,7 @@ async fn answers_are_late_or_lost_and_moonraker_restarts() {
     assert!((bench.now_s() - 3.0).abs() < 0.01);
     bench.wait(9.5).await;
     let lost = post(&mut bench.wire, "/printer/gcode/script", r#"{"script":"G1 X1"}"#);
-    assert!(tokio::time::timeout(Duration::from_millis(400), lost).await.is_err());
+    assert!(timeout(Duration::from_millis(400), lost).await.is_err());
     bench.wait(12.0).await;
     let mut fresh = bench.open();
     for wire in [&mut bench.wire, &mut fresh] {

@@ -11,7 +11,8 @@ use crate::scene::Scene;
 
 /// Planned time below which queued moves are planned, s (BUFFER_TIME_LOW).
 const LOW_S: f64 = 1.0;
-/// Planned time above which a command waits, s (BUFFER_TIME_HIGH). Queued moves of this duration are planned at once.
+/// Planned time above which a command waits, s (BUFFER_TIME_HIGH). Queued moves that last this long after the first
+/// are planned at once.
 const HIGH_S: f64 = 2.0;
 /// Least time for which a queued move waits for others, s.
 const PRIMING_S: f64 = 0.1;
@@ -36,6 +37,8 @@ pub(super) struct Toolhead {
     pub accel_to_decel_mm_s2: f64,
     pub square_corner_mm_s: f64,
     lookahead: Vec<QueuedMove>,
+    /// Duration of the queued moves after the first, s.
+    waiting_s: f64,
     /// Time at which the queued moves are planned, s.
     pub flush_s: f64,
     /// Last report of the live position: its time, s, and position and speed, mm and mm/s.
@@ -65,6 +68,7 @@ impl Toolhead {
             accel_to_decel_mm_s2: board.max_accel_mm_s2 / 2.0,
             square_corner_mm_s: KlipperBoard::SQUARE_CORNER_MM_S,
             lookahead: Vec::new(),
+            waiting_s: 0.0,
             flush_s: f64::INFINITY,
             live: (f64::NEG_INFINITY, ([0.0; 3], 0.0)),
             board,
@@ -101,6 +105,7 @@ impl Toolhead {
             length_mm,
         };
         self.commanded_mm = to_mm;
+        self.waiting_s += if self.is_queueing() { length_mm / queued.speed_mm_s } else { 0.0 };
         match self.lookahead.last_mut() {
             Some(last) if last.runs_into(&queued) => {
                 (last.to_mm, last.length_mm) = (to_mm, last.length_mm + length_mm);
@@ -108,20 +113,22 @@ impl Toolhead {
             _ => self.lookahead.push(queued),
         }
         self.flush_s = now_s + PRIMING_S.max(self.plan.print_time_s - now_s - LOW_S);
-        if self.lookahead.iter().map(|queued| queued.length_mm / queued.speed_mm_s).sum::<f64>() >= HIGH_S {
+        if self.waiting_s >= HIGH_S {
             self.flush(now_s, scene, now_s);
             return Ok(());
         }
         // the scene makes the queued moves as if nothing more came, so that they are made even if nobody asks
-        let (plan, enabled, queued, flush_s) = (self.plan.clone(), self.enabled, self.lookahead.clone(), self.flush_s);
+        let (plan, enabled, queued) = (self.plan.clone(), self.enabled, self.lookahead.clone());
+        let (flush_s, waiting_s) = (self.flush_s, self.waiting_s);
         self.flush(flush_s, scene, now_s);
-        (self.plan, self.enabled, self.lookahead, self.flush_s) = (plan, enabled, queued, flush_s);
+        (self.plan, self.enabled, self.lookahead) = (plan, enabled, queued);
+        (self.flush_s, self.waiting_s) = (flush_s, waiting_s);
         Ok(())
     }
 
     /// Plans the queued moves as at `at_s`, now or at another time.
     pub(super) fn flush(&mut self, at_s: f64, scene: &mut Scene, now_s: f64) {
-        self.flush_s = f64::INFINITY;
+        (self.flush_s, self.waiting_s) = (f64::INFINITY, 0.0);
         let queued = std::mem::take(&mut self.lookahead);
         if queued.is_empty() {
             return;
