@@ -2,6 +2,7 @@
 //!
 //! `PALPATE_TESTS=full` makes 5,000 runs with each.
 
+mod klipper;
 mod marlin;
 mod ur;
 

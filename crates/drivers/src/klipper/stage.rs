@@ -4,6 +4,7 @@ use super::moonraker::Moonraker;
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrders, Stage, StageUse};
+use palpate_link::time::sleep;
 use palpate_link::wire::Connector;
 use serde_json::{Value, json};
 use std::time::Duration;
@@ -16,6 +17,11 @@ const ZERO_MOST_MM: f64 = 0.5;
 
 /// Largest difference between a step that the rig states and that of the printer, as a fraction.
 const STEP_DIFFERENCE: f64 = 1e-3;
+
+/// How often a position that isn't the end yet is asked for again, and how long after. Klipper refreshes its report of a motion only every
+/// 0.25 s (`motion_report`).
+const REFRESHES: usize = 3;
+const REFRESH: Duration = Duration::from_millis(120);
 
 /// Rounding of reported positions, mm.
 const REPORT_ROUNDING_MM: f64 = 1e-5;
@@ -210,17 +216,25 @@ impl Klipper {
                 self.under_way = UnderWay::Nothing;
             }
         }
-        let report = self.report(doing).await?;
+        let mut report = self.report(doing).await?;
+        for _ in 0..REFRESHES {
+            if self.off(&report).is_none() {
+                break;
+            }
+            sleep(REFRESH).await;
+            report = self.report(doing).await?;
+        }
         if self.usage.is_some() && !report.is_known {
             let text = "its motors were switched off, so its position is lost".to_owned();
             return Err(self.motion(doing, text));
         }
-        for axis in Axis::ALL {
+        if let Some(axis) = self.off(&report) {
             let (name, at_mm, end_mm) = (axis.name(), report.at_mm[axis.index()], report.ends_mm[axis.index()]);
-            if (at_mm - end_mm).abs() > self.step_mm[axis.index()] / 2.0 + REPORT_ROUNDING_MM {
-                let text = format!("it was sent to {name} = {end_mm:.4} mm, but its motor is at {at_mm:.4} mm");
-                return Err(self.motion(doing, text));
-            }
+            let text = format!("it was sent to {name} = {end_mm:.4} mm, but its motor is at {at_mm:.4} mm");
+            return Err(self.motion(doing, text));
+        }
+        for axis in Axis::ALL {
+            let (name, at_mm) = (axis.name(), report.at_mm[axis.index()]);
             if let Some(usage) = self.usage.as_ref().filter(|usage| !usage.reach(axis).contains(at_mm)) {
                 let reach = usage.reach(axis);
                 let text = format!("{name} is at {at_mm:.4} mm, outside {} to {} mm", reach.min, reach.max);
@@ -229,6 +243,14 @@ impl Klipper {
         }
         self.at_mm = report.ends_mm;
         Ok(report.at_mm)
+    }
+
+    /// Returns an axis whose motor isn't where it was sent.
+    fn off(&self, report: &Report) -> Option<Axis> {
+        Axis::ALL.into_iter().find(|axis| {
+            let nth = axis.index();
+            (report.at_mm[nth] - report.ends_mm[nth]).abs() > self.step_mm[nth] / 2.0 + REPORT_ROUNDING_MM
+        })
     }
 
     /// Sends a motion to whole steps.

@@ -233,7 +233,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     ) -> Result<Driven, Halt> {
         let expected = seconds(MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s());
         let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
-        let due_after = expected.mul_f64(1.0 + LATE_SHARE);
+        let due_after = expected.mul_f64(1.0 + LATE_SHARE) + seconds(self.usage.abilities.late_s);
         let begun = Cell::new(Instant::now());
         let (orders, due) = (MotionOrders::default(), Cell::new(Some(begun.get() + due_after)));
         let ends = Cell::new(None);

@@ -103,14 +103,15 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let expected = seconds(MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s());
         let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
         let (orders, over) = (MotionOrders::default(), Notify::new());
-        let RigControl { stage, array, .. } = self;
+        let RigControl { stage, array, usage, .. } = self;
+        let late = seconds(usage.abilities.late_s);
         let motion = async {
             stage.begin(targets, speed_mm_s, &orders).await?;
             let begun = Instant::now();
             let silent = async {
                 loop {
-                    let late = expected.mul_f64(1.0 + LATE_SHARE).mul_f64(orders.slowness());
-                    let due = begun + late + seconds(SILENT_S);
+                    let takes = expected.mul_f64((1.0 + LATE_SHARE) * orders.slowness());
+                    let due = begun + takes + late + seconds(SILENT_S);
                     if Instant::now() >= due {
                         break;
                     }
