@@ -1,12 +1,12 @@
 //! Programs of others use our emulators: PyMeasure, newportxps, Newport's own driver, pymodbus, mbpoll, grbl-streamer,
-//! Printrun, NetFT, pynetft.
+//! Printrun, Moonraker, ur_rtde, NetFT, pynetft.
 //!
 //! Each test needs `PALPATE_PYTHON`, an interpreter with the packages of `tests/outside/requirements.txt`, or the program itself.
 #![cfg(unix)]
 
 use palpate_testing::python::{Python, said};
 use palpate_testing::served::ServedProgram;
-use palpate_testing::{TestFolder, exchanged, shipped, shipped_text, there};
+use palpate_testing::{Live, TestFolder, exchanged, shipped, shipped_text, there};
 use std::process::Command;
 
 #[test]
@@ -143,6 +143,54 @@ fn printcore_drives_the_marlin() {
     let output = said(python.script("printcore.py", [served.address("stage")]));
     assert_eq!(output, "FIRMWARE_NAME:Marlin 2.1.2\n");
 }
+
+#[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
+fn ur_rtde_reads_the_arm() {
+    let python = Python::with("import rtde_receive, dashboard_client");
+    // its ports are fixed, so the robot has an address of its own
+    let host = "127.0.42.42";
+    let _served = ServedProgram::new(&shipped_text("rigs/ur.toml"), &format!("--listen {host} --port stage=30004"));
+    assert_eq!(said(python.script("ur_rtde.py", [host])), "UR5 at 301.3 -200.8 105.0 mm\n");
+}
+
+/// Moonraker stands between the driver and a socket that answers as Klipper's.
+#[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
+fn a_printer_behind_moonraker_presses() {
+    let python = Python::with("import moonraker, inotify_simple");
+    let spring = shipped("tests/outside/printer_bench.py").display().to_string();
+    let bench = TestFolder::with([("r.toml", ONE_PRESS)]);
+    std::fs::write(bench.path("tip"), 1e3f64.to_le_bytes()).expect("a file");
+    let printer = Live::start(python.script("klippy.py", [bench.path("")]));
+    let address = loop {
+        let line = printer.line().expect("Moonraker starts");
+        if let Some(address) = line.strip_prefix("printer at ") {
+            break address.to_owned();
+        }
+    };
+    let role = |name: &str| format!("driver = {{ process = [\"python3\", {spring:?}, \".\", \"{name}\"] }}");
+    let rig = shipped_text("rigs/klipper.toml");
+    let rig = exchanged(&rig, "192.168.1.30:7125", &address);
+    let rig = exchanged(&rig, "z = -10.0, uncertainty", "z = -5.0, uncertainty");
+    let rig = exchanged(
+        &rig,
+        "driver = { lines = \"hx711\", newton_per_unit = 0.0000025, offset = 84000.0 }\nlink = \"serial:///dev/ttyACM0?baud=115200\"",
+        &role("load_cell"),
+    );
+    let rig =
+        exchanged(&rig, "driver = { modbus = \"labjack-t7\" }\nlink = \"tcp://192.168.1.10:502\"", &role("array"));
+    std::fs::write(bench.path("rig.toml"), rig).expect("a file");
+    said(bench.command("run r.toml --rig rig.toml --confirmed down --confirmed home --out run"));
+    let number = |text: String| text.trim().parse::<f64>().expect("a number");
+    let force_n = number(bench.column("run/presses.csv", "force_n").remove(0));
+    assert!((force_n - 0.5).abs() < 0.05, "{force_n} N");
+    let peak_n = number(bench.read("peak"));
+    assert!(peak_n < 0.55, "{peak_n} N");
+}
+
+const ONE_PRESS: &str = "name = \"one\"\nchecks = \"none\"\n[press]\nstrategy = \"guarded\"\n[[step]]\nphase = \"calibration\"\n\
+                         grid = { x_mm = [0.0, 0.0], y_mm = [0.0, 0.0], spacing_mm = 1.0 }\nforce_n = 0.5\n";
 
 #[test]
 #[ignore = "needs python3"]
