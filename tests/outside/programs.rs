@@ -1,5 +1,5 @@
 //! Programs of others use our emulators: PyMeasure, newportxps, Newport's own driver, pymodbus, mbpoll, grbl-streamer,
-//! Printrun, Moonraker, ur_rtde, NetFT, pynetft.
+//! Printrun, OctoPrint, Moonraker, ur_rtde, NetFT, pynetft.
 //!
 //! Each test needs `PALPATE_PYTHON`, an interpreter with the packages of `tests/outside/requirements.txt`, or the program itself.
 #![cfg(unix)]
@@ -8,6 +8,7 @@ use palpate_testing::python::{Python, said};
 use palpate_testing::served::ServedProgram;
 use palpate_testing::{Live, TestFolder, exchanged, shipped, shipped_text, there};
 use std::process::Command;
+use std::time::Duration;
 
 #[test]
 #[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
@@ -152,6 +153,31 @@ fn ur_rtde_reads_the_arm() {
     let host = "127.0.42.42";
     let _served = ServedProgram::new(&shipped_text("rigs/ur.toml"), &format!("--listen {host} --port stage=30004"));
     assert_eq!(said(python.script("ur_rtde.py", [host])), "UR5 at 301.3 -200.8 105.0 mm\n");
+}
+
+/// It counts, acknowledges and refuses lines in its own way, and moves in no time: so z only goes away, line by line.
+#[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
+fn octoprints_virtual_printer_is_retracted() {
+    let python = Python::with("import serial");
+    let rig = shipped_text("rigs/marlin.toml");
+    let rig = exchanged(
+        &rig,
+        "step_mm = { x = 0.0125, y = 0.0125, z = 0.0025 }",
+        "step_mm = { x = 0.01, y = 0.01, z = 0.01 }",
+    );
+    let rig = exchanged(&rig, "acceleration_mm_s2 = 100.0", "acceleration_mm_s2 = 10.0");
+    for error in ["resend", "resend_with_timeout", "missing_lineno", "checksum_mismatch"] {
+        let bench = TestFolder::new();
+        let printer = Live::start(python.script("virtual_printer.py", [bench.path(""), format!("30:{error}").into()]));
+        let line = printer.line().expect("it starts");
+        let port = line.strip_prefix("printer at ").expect("its terminal");
+        std::fs::write(bench.path("rig.toml"), exchanged(&rig, "/dev/ttyUSB0", port)).expect("a file");
+        let output = said(bench.command("retract rig.toml --confirmed down"));
+        assert!(output.contains("z is at 3.600 mm of the stage, away from the specimen"), "{error}: {output}");
+        // a line without a number isn't asked for again
+        assert_eq!(printer.line_within(Duration::ZERO).is_ok(), error != "missing_lineno", "{error}");
+    }
 }
 
 /// Moonraker stands between the driver and a socket that answers as Klipper's.

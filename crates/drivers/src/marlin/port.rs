@@ -50,6 +50,8 @@ pub(super) struct MarlinPort {
     /// Received text that is not a report.
     pub texts: Vec<String>,
     position: Option<MarlinPosition>,
+    /// Whether the last line was an error.
+    is_after_error: bool,
     /// Whether the printer restarted and lost its position.
     pub restarted: bool,
 }
@@ -66,6 +68,7 @@ impl MarlinPort {
             complaints: Vec::new(),
             texts: Vec::new(),
             position: None,
+            is_after_error: false,
             restarted: false,
         }
     }
@@ -144,7 +147,11 @@ impl MarlinPort {
         for _ in 0..LINES_MAX {
             match self.next(doing, until).await? {
                 Some(MarlinReport::Ok) => return Ok(true),
-                Some(MarlinReport::Resend(_)) | None => return Ok(false),
+                None => return Ok(false),
+                Some(report @ MarlinReport::Resend(_)) => {
+                    self.keep(report);
+                    return Ok(false);
+                }
                 Some(report) => {
                     self.keep(report);
                     until = until.max(Instant::now() + AGAIN_AFTER); // it is sending
@@ -185,8 +192,14 @@ impl MarlinPort {
             match self.next(doing, until).await? {
                 Some(MarlinReport::Text(text)) if text.contains(marker) => return Ok(true),
                 Some(MarlinReport::Busy) => until = until.max(Instant::now() + BUSY),
-                Some(MarlinReport::Resend(_)) | None => return Ok(false),
-                Some(report) => self.keep(report),
+                None => return Ok(false),
+                Some(report) => {
+                    let is_refused = matches!(report, MarlinReport::Resend(_));
+                    self.keep(report);
+                    if is_refused {
+                        return Ok(false);
+                    }
+                }
             }
         }
         Ok(false)
@@ -229,6 +242,10 @@ impl MarlinPort {
             match self.lines.next_by(until).await.map_err(|error| self.failed(doing, &error))? {
                 None => return Ok(None),
                 Some(line) => {
+                    // some firmware reports a position on the line of its `ok`
+                    if let Some(MarlinReport::Position(position)) = line.strip_prefix("ok ").and_then(parse_report) {
+                        self.position = Some(position);
+                    }
                     if let Some(report) = parse_report(&line) {
                         return Ok(Some(report));
                     }
@@ -239,17 +256,25 @@ impl MarlinPort {
     }
 
     fn keep(&mut self, report: MarlinReport) {
+        let is_after_error = std::mem::replace(&mut self.is_after_error, matches!(report, MarlinReport::Error(_)));
         let (list, text, most) = match report {
             MarlinReport::Start => return self.restarted = true,
             MarlinReport::Position(position) => return self.position = Some(position),
-            // what Resend follows is no complaint
-            MarlinReport::Error(text) if text.contains("Last Line") => return,
+            // it is about a line, which is sent again
+            MarlinReport::Error(text) if text.contains("Last Line") => return self.is_after_error = false,
+            MarlinReport::Resend(_) => {
+                // the error before it said why the line is asked for again
+                if is_after_error {
+                    self.complaints.pop();
+                }
+                return;
+            }
             MarlinReport::Error(text) => (&mut self.complaints, text, COMPLAINTS_MAX),
             MarlinReport::Text(text) if HINDRANCES.iter().any(|hindrance| text.contains(hindrance)) => {
                 (&mut self.complaints, text, COMPLAINTS_MAX)
             }
             MarlinReport::Text(text) => (&mut self.texts, text, TEXTS_MAX),
-            MarlinReport::Ok | MarlinReport::Resend(_) | MarlinReport::Busy => return,
+            MarlinReport::Ok | MarlinReport::Busy => return,
         };
         if list.len() < most {
             list.push(text);
