@@ -42,6 +42,33 @@ impl StudyBench {
     }
 }
 
+/// Returns each kind of stage with its name, over the specimen and with the load cell of the fast bench.
+///
+/// # Errors
+/// Never in practice: a test checks that the supplied texts are valid.
+pub(crate) fn stages() -> Result<Vec<(&'static str, RigSpec)>, Problems> {
+    let texts = [
+        ("ESP301", "rigs/esp301.toml", include_str!("../../../rigs/esp301.toml")),
+        ("XPS", "rigs/xps.toml", include_str!("../../../rigs/xps.toml")),
+        ("GRBL", "rigs/grbl.toml", include_str!("../../../rigs/grbl.toml")),
+        ("Marlin", "rigs/marlin.toml", include_str!("../../../rigs/marlin.toml")),
+        ("Klipper", "rigs/klipper.toml", include_str!("../../../rigs/klipper.toml")),
+        ("UR5e", "rigs/ur.toml", include_str!("../../../rigs/ur.toml")),
+    ];
+    let stages = texts.into_iter().map(|(name, file, text)| {
+        let (bench, own) = (StudyBench::XpsLike.spec()?, shipped(file, text)?.simulated());
+        let mut spec = RigSpec { stage: own.stage, frame: own.frame, ..bench };
+        // the controller's own; an XPS is as fast as the bench's
+        match name {
+            "XPS" => {}
+            "ESP301" => spec.scene.latencies.stage_s = StudyBench::Esp301.spec()?.scene.latencies.stage_s,
+            _ => spec.scene.latencies.stage_s = own.scene.latencies.stage_s,
+        }
+        Ok((name, spec))
+    });
+    stages.collect()
+}
+
 /// Returns the paper's own rig as supplied.
 ///
 /// # Errors

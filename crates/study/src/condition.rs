@@ -29,6 +29,8 @@ pub enum StudyPart {
     Scenes,
     /// Cost of the permit's caution.
     Caution,
+    /// Kinds of stages.
+    Stages,
 }
 
 /// One measurement: a square of places pressed with one force by one strategy.

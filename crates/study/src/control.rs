@@ -1,5 +1,6 @@
 //! The study of the force loop: its conditions and their execution.
 
+use super::bench::stages;
 use super::condition::{ConditionOutcome, LoopCondition, StudyPart};
 use super::scenes::{NOMINAL, SCENES, line};
 use super::stability::{Onset, stability};
@@ -141,6 +142,15 @@ fn conditions(size: LoopSize, seed: u64) -> Result<Vec<LoopCondition>, StudyErro
             condition.spec.limits.stiffness_n_mm = declared_n_mm;
             let side = slow_side(&condition.spec, size.small);
             conditions.push(LoopCondition { part: StudyPart::Caution, side, ..condition });
+        }
+    }
+    for (bench, spec) in stages()? {
+        for strategy in [Strategy::Guarded, Strategy::Map] {
+            for tolerance_n in TOLERANCES_N {
+                let condition = nominal(StudyBench::XpsLike, strategy)?;
+                let (part, spec, side) = (StudyPart::Stages, spec.clone(), size.small);
+                conditions.push(LoopCondition { part, bench, spec, tolerance_n, side, ..condition });
+            }
         }
     }
     Ok(conditions)

@@ -23,6 +23,7 @@ pub fn figures(findings: &LoopFindings) -> Vec<(String, String)> {
         ("3-scenes.svg", scenes(findings)),
         ("4-caution.svg", caution(findings)),
         ("5-calibration.svg", calibration(findings)),
+        ("6-stages.svg", stages(findings)),
     ];
     drawn.map(|(name, figure)| (name.to_owned(), figure.svg())).to_vec()
 }
@@ -63,6 +64,48 @@ fn time_and_error(findings: &LoopFindings) -> Figure {
             "next to a point: the set tolerances, mN; ringed: nothing on its bench is both faster and more exact; not shown: runs ended by a rule"
                 .to_owned(),
         ],
+        ..Figure::default()
+    }
+}
+
+/// Figure of time per press against force error, for each kind of stage.
+fn stages(findings: &LoopFindings) -> Figure {
+    const HUES: [Hue; 6] = [Hue::Blue, Hue::Green, Hue::Orange, Hue::Purple, Hue::Red, Hue::Teal];
+    let whole = || findings.of(StudyPart::Stages).filter(|outcome| outcome.rule.is_none());
+    let point = |outcome: &ConditionOutcome| Some((outcome.median_s?, outcome.error_p95_mn?));
+    let mut names: Vec<&str> = Vec::new();
+    for outcome in findings.of(StudyPart::Stages) {
+        if !names.contains(&outcome.rig) {
+            names.push(outcome.rig);
+        }
+    }
+    let (mut marks, mut legend) = (Vec::new(), Vec::new());
+    for (name, hue) in names.into_iter().zip(HUES) {
+        for (strategy, filled, line) in
+            [(Strategy::Map, true, LineStyle::Solid), (Strategy::Guarded, false, LineStyle::Dashed)]
+        {
+            let look = Look { hue, shape: Some(Shape::Circle), filled, line };
+            let of_it: Vec<&ConditionOutcome> =
+                whole().filter(|outcome| outcome.rig == name && outcome.strategy == strategy).collect();
+            marks.push(Mark::Curve(look, of_it.iter().filter_map(|outcome| point(outcome)).collect()));
+            if strategy == Strategy::Map {
+                legend.push((look, name.to_owned()));
+            }
+        }
+    }
+    Figure {
+        title: "Speed and accuracy of six stages".to_owned(),
+        subtitle: format!(
+            "1 N on one specimen, {0} x {0} places 0.5 mm apart, one load cell; tolerances of 50 to 2 mN; filled: map, hollow: guarded",
+            findings.size.small
+        ),
+        height_px: 420.0,
+        panels: vec![Panel {
+            x: ChartAxis::log("time per press, median, s", whole().filter_map(point).map(|p| p.0), (0.5, 5.0)),
+            y: ChartAxis::log("force error, 95th percentile, mN", whole().filter_map(point).map(|p| p.1), (2.0, 10.0)),
+            marks,
+        }],
+        legend: vec![legend],
         ..Figure::default()
     }
 }

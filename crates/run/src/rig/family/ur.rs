@@ -3,7 +3,7 @@
 use super::{Beside, DeviceFamily, Links, Role};
 use crate::rig::emulated::EmulatedDevice;
 use crate::rig::spec::{Dial, Driver, Misfit, RigSpec, StageDriver};
-use palpate_core::quantity::StageAbilities;
+use palpate_core::quantity::{Axis, StageAbilities};
 use palpate_document::{Bounds, Problem, Table, keys, with_nearest};
 use palpate_drivers::AnyStage;
 use palpate_drivers::ur::{RobotLinks, RobotSettings, TaughtFrame, Ur};
@@ -156,7 +156,7 @@ impl StageDriver for UrStageSpec {
         AnyStage::Ur(Box::new(Ur::new(links, settings, rig.stage.link.to_string())))
     }
 
-    fn emulated(&self, scene: &Scene, _: &RigSpec) -> EmulatedDevice {
+    fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice {
         let arm = UrArm {
             origin_mm: self.frame.origin_mm(),
             axes: self.frame.axes(),
@@ -164,6 +164,7 @@ impl StageDriver for UrStageSpec {
             reach_m: self.reach_mm / 1000.0,
             model: self.model.to_owned(),
             force_error_n: self.force_error_n,
+            step_mm: rig.stage.steps.along(Axis::Z),
             ..UrArm::default()
         };
         EmulatedDevice::network(UrEmulator::new(arm, scene), "rtde")
