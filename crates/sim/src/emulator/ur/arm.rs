@@ -1,6 +1,6 @@
 //! The arm: where it stands, what it carries, and its faults.
 
-use super::pose::{Pose, Turn};
+use super::turn::Turn;
 
 /// An arm and where the scene is in its base frame. The tip of its tool is the scene's indenter.
 #[derive(Clone, Debug)]
@@ -12,9 +12,6 @@ pub struct UrArm {
     /// Orientation of the tool when the controller starts, as a rotation vector, rad. With it the tool's z, which
     /// points out of the tool, lies along the scene's stage z and points to the specimen.
     pub rotvec_rad: [f64; 3],
-    /// Pose of the tip relative to the flange, m and rad. It is also the TCP offset of the installation. A program that
-    /// sets another TCP (`set_tcp`) gets the poses of another point, as on the robot.
-    pub tip: [f64; 6],
     /// Largest distance of the TCP from the base, m.
     pub reach_m: f64,
     /// Step to which targets are rounded along the stage axes, mm; 0 for none. The scene's own step is applied after
@@ -31,14 +28,12 @@ pub struct UrArm {
 }
 
 impl Default for UrArm {
-    /// A UR5e in front of the scene, whose stage axes are those of the base. The tool points down. The tip is the
-    /// flange.
+    /// A UR5e in front of the scene, whose stage axes are those of the base. The tool points down.
     fn default() -> Self {
         UrArm {
             origin_mm: [300.0, -200.0, 100.0],
             axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
             rotvec_rad: [std::f64::consts::PI, 0.0, 0.0],
-            tip: [0.0; 6],
             reach_m: 0.85,
             step_mm: 0.001,
             model: String::from("UR5e"),
@@ -65,20 +60,17 @@ impl UrArm {
         std::array::from_fn(|n| (0..3).map(|axis| self.axes[axis][n] * stage[axis]).sum())
     }
 
-    /// Force of the environment on the tip, N, when it presses with `force_n` along the taught tool.
-    pub(super) fn reaction_n(&self, force_n: f64) -> [f64; 3] {
-        Turn::of(self.rotvec_rad).apply([0.0, 0.0, -force_n])
+    /// Force of the environment on the tip that the controller reports when the tip presses with `force_n` along the
+    /// taught tool, N, in the base frame.
+    pub(super) fn reported_n(&self, force_n: f64, at_s: f64) -> [f64; 3] {
+        let true_n = Turn::of(self.rotvec_rad).apply([0.0, 0.0, -force_n]);
+        std::array::from_fn(|n| true_n[n] + self.error_n(n, at_s))
     }
 
     /// Error of a component of the reported force, N.
-    pub(super) fn force_error(&self, component: usize, at_s: f64) -> f64 {
+    fn error_n(&self, component: usize, at_s: f64) -> f64 {
         let phase = component as f64;
         self.force_error_n * (0.5 * (1.0 + 2.0 * phase).cos() + 0.5 * (at_s / (7.0 + 2.0 * phase) + phase).sin())
-    }
-
-    /// Pose of the TCP in the frame of the tip for a TCP offset from the flange, m and rad.
-    pub(super) fn tool(&self, offset: [f64; 6]) -> Pose {
-        Pose::from_wire(self.tip).inverse().then(Pose::from_wire(offset))
     }
 }
 
@@ -94,8 +86,8 @@ pub struct UrFault {
 /// Kinds of fault. Each happens once.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum UrFaultKind {
-    /// The arm decelerates quickly and stays where it is. The program pauses until somebody unlocks the stop and
-    /// continues it.
+    /// The arm decelerates quickly and stays where it is. The program pauses, and another one runs only after
+    /// somebody has unlocked the stop.
     ProtectiveStop,
     /// Somebody presses the emergency stop, and it stays pressed. The arm loses its power.
     EmergencyStop,

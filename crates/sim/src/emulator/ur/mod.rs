@@ -5,10 +5,11 @@
 //! Port 30004 is RTDE, 30002 the secondary interface, which takes programs, and 29999 the dashboard. Each served link
 //! has its own state. The controller belongs to all of them: its programs run while any link is open.
 //!
-//! The tip of the tool is the scene's indenter. Motions are straight, with a trapezoid of speed, and the speed slider
-//! scales their time. A slider that is moved during a motion changes its speed with the acceleration of the motion. A
-//! motion that only turns the tool takes its speed as rad/s. A blend radius is accepted, and the arm stops anyway. The
-//! joints aren't modelled, so a pose is reachable if it is near enough to the base.
+//! The TCP is the flange and the scene's indenter. Motions are straight, with a trapezoid of speed, and the speed
+//! slider scales their time. A slider that is moved during a motion changes its speed with the acceleration of the
+//! motion. A motion that only turns the tool takes its speed as rad/s. A blend radius is accepted, and the arm stops
+//! anyway. The joints aren't modelled, so a pose is reachable if it is near enough to the base. Nothing switches the
+//! power on, or continues a paused program.
 //!
 //! `actual_TCP_force` is the force of the environment on the tool, in the base frame: a tool that points down and
 //! presses reads a positive z. `target_speed_fraction` is the slider. `speed_scaling` is that of the trajectory
@@ -16,24 +17,21 @@
 
 mod arm;
 mod dashboard;
-mod link;
 mod motion;
-mod pose;
 mod programs;
-mod readings;
 mod robot;
 mod rtde;
 mod script;
 mod secondary;
 #[cfg(test)]
 mod tests;
+mod turn;
 mod variables;
 
 use super::{Instrument, Owed, Shared};
 use crate::scene::{Scene, SceneDevice};
 pub use arm::{UrArm, UrFault, UrFaultKind};
 use dashboard::Dashboard;
-use link::Port;
 use palpate_core::parallel::lock;
 use robot::Robot;
 use rtde::Rtde;
@@ -48,67 +46,80 @@ pub const SECONDARY_PORT: u16 = 30002;
 /// Port of RTDE.
 pub const RTDE_PORT: u16 = 30004;
 
-/// Control cycle, s.
-const CYCLE_S: f64 = 0.002;
 /// Version of the controller and its date.
 const VERSION: [u32; 4] = [5, 11, 9, 1_010_452];
 const VERSION_DATE: &str = "Jan 24 2022";
 
-/// A robot. This value is its RTDE port; [`at_port`](Instrument::at_port) returns the others.
+/// What a link to a port does. The methods are those of [`Instrument`]. The events of the controller needn't be thought
+/// of.
+trait Link: Send {
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>>;
+    fn answer(&mut self, request: &[u8], robot: &mut Robot, scene: &mut Scene, now_s: f64) -> Vec<u8>;
+    fn owed(&mut self, robot: &Robot, scene: &mut Scene, now_s: f64) -> Owed;
+}
+
+/// A robot at one of its ports, or one link to it. A new one is at the port of RTDE; [`at_port`](Instrument::at_port)
+/// returns the others.
 pub struct UrEmulator {
-    rtde: Port<Rtde>,
+    robot: Shared<Robot>,
+    bell: Arc<Notify>,
+    port: u16,
+    link: Box<dyn Link>,
 }
 
 impl UrEmulator {
     /// Creates a robot that is switched on, with released brakes, in remote control. The tip is at the present place of
     /// the scene's axes.
-    pub fn new(arm: UrArm, _scene: &Scene) -> Self {
-        UrEmulator { rtde: Port::of(Arc::new(Mutex::new(Robot::new(arm))), Arc::default()) }
-    }
-
-    /// Number of programs that weren't run because of a syntax error or an unknown statement.
-    pub fn syntax_errors(&self) -> u64 {
-        lock(&self.rtde.robot).syntax_errors
-    }
-
-    /// Number of programs that ended with an error, such as a pose that can't be reached.
-    pub fn runtime_errors(&self) -> u64 {
-        lock(&self.rtde.robot).runtime_errors
+    pub fn new(arm: UrArm, scene: &Scene) -> Self {
+        let robot = Arc::new(Mutex::new(Robot::new(arm, scene)));
+        UrEmulator { robot, bell: Arc::default(), port: RTDE_PORT, link: Box::<Rtde>::default() }
     }
 }
 
 impl Instrument for UrEmulator {
     fn device(&self) -> SceneDevice {
-        self.rtde.device()
+        SceneDevice::Stage
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-        self.rtde.take_request(inbox)
+        self.link.take_request(inbox)
     }
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
-        self.rtde.answer(request, scene, now_s)
+        let mut robot = lock(&self.robot);
+        robot.run(scene, now_s);
+        let answer = self.link.answer(request, &mut robot, scene, now_s);
+        self.bell.notify_waiters();
+        answer
     }
 
     fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
-        self.rtde.accept()
-    }
-
-    fn bell(&self) -> Option<Arc<Notify>> {
-        self.rtde.bell()
-    }
-
-    fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
-        self.rtde.owed(scene, now_s)
+        self.at_port(self.port)
     }
 
     fn at_port(&self, port: u16) -> Option<Shared<dyn Instrument>> {
-        let (robot, bell) = (self.rtde.robot.clone(), self.rtde.bell.clone());
-        match port {
-            DASHBOARD_PORT => Some(Arc::new(Mutex::new(Port::<Dashboard>::of(robot, bell)))),
-            SECONDARY_PORT => Some(Arc::new(Mutex::new(Port::<Secondary>::of(robot, bell)))),
-            RTDE_PORT => Some(Arc::new(Mutex::new(Port::<Rtde>::of(robot, bell)))),
-            _ => None,
+        let link: Box<dyn Link> = match port {
+            DASHBOARD_PORT => Box::<Dashboard>::default(),
+            SECONDARY_PORT => Box::<Secondary>::default(),
+            RTDE_PORT => Box::<Rtde>::default(),
+            _ => return None,
+        };
+        let (robot, bell) = (self.robot.clone(), self.bell.clone());
+        Some(Arc::new(Mutex::new(UrEmulator { robot, bell, port, link })))
+    }
+
+    fn bell(&self) -> Option<Arc<Notify>> {
+        Some(self.bell.clone())
+    }
+
+    /// Returns what this link is owed, and lets the controller continue. Every open link does this.
+    fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
+        let mut robot = lock(&self.robot);
+        robot.run(scene, now_s);
+        match (self.link.owed(&robot, scene, now_s), robot.next_s()) {
+            (Owed::At(at_s), next_s) => Owed::At(at_s.min(next_s)),
+            (Owed::Nothing, next_s) if next_s.is_finite() => Owed::At(next_s),
+            (owed, _) => owed,
         }
     }
 }

@@ -1,14 +1,13 @@
-//! One link of the Real-Time Data Exchange (document: "RTDE guide").
+//! One link of the Real-Time Data Exchange in version 2 (document: "RTDE guide").
 //!
-//! A link speaks version 1 of the protocol until version 2 is negotiated. The guide leaves open what a broken package
-//! does: a size below that of a header closes the link, and an unknown or malformed package is answered with a text
-//! message. Data packages are sent in multiples of the control cycle. If the client doesn't take them, packages are
-//! skipped and the most recent one is sent.
+//! The guide leaves open what a broken package does: a size below that of a header closes the link, and an unknown or
+//! malformed package is answered with a text message. Before version 2 is agreed on, nothing can be set up. Data
+//! packages are sent in multiples of the control cycle. If the client doesn't take them, packages are skipped and the
+//! most recent one is sent.
 
-use super::link::Link;
 use super::robot::{EARLY_S, Robot};
-use super::variables::{Input, Output};
-use super::{CYCLE_S, VERSION};
+use super::variables::{Output, input};
+use super::{Link, VERSION};
 use crate::emulator::Owed;
 use crate::scene::Scene;
 
@@ -16,56 +15,30 @@ use crate::scene::Scene;
 const HEADER: usize = 3;
 /// Longest list of names, bytes.
 const NAMES_MOST: usize = 2048;
-/// Frequency of the control cycle, and that of version 1, Hz.
+/// Frequency of the control cycle, Hz.
 const MOST_HZ: f64 = 500.0;
-const V1_HZ: f64 = 125.0;
-/// Levels of a text message.
-const ERROR: u8 = 1;
-const WARNING: u8 = 2;
 
 /// One link.
+#[derive(Default)]
 pub(super) struct Rtde {
-    number: u64,
-    /// Number of times that RTDE had been lost when the link was first served.
-    losses: Option<u64>,
+    /// Time at which the link was first served, s.
+    since_s: Option<f64>,
     received: Vec<u8>,
     is_broken: bool,
-    version: u16,
+    is_agreed: bool,
     outputs: Vec<Output>,
     frequency_hz: f64,
-    /// Recipes of inputs. Their numbers begin at 1.
-    inputs: Vec<Vec<Input>>,
-    /// Number of the next data package since time zero; `None` while paused.
-    next: Option<u64>,
+    /// Recipes of inputs: names, and lengths, bytes. Their numbers begin at 1.
+    inputs: Vec<Vec<(String, usize)>>,
+    /// Time of the next data package, s; `None` while paused.
+    next_s: Option<f64>,
 }
 
 impl Link for Rtde {
-    fn open(robot: &mut Robot) -> Rtde {
-        robot.links += 1;
-        Rtde {
-            number: robot.links,
-            losses: None,
-            received: Vec::new(),
-            is_broken: false,
-            version: 1,
-            outputs: Vec::new(),
-            frequency_hz: V1_HZ,
-            inputs: Vec::new(),
-            next: None,
-        }
-    }
-
-    fn close(&mut self, robot: &mut Robot) {
-        robot.inputs.retain(|(_, link)| *link != self.number);
-    }
-
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
         self.received.append(inbox);
         let size = usize::from(u16::from_be_bytes(*self.received.first_chunk()?));
-        if size < HEADER {
-            self.is_broken = true;
-            self.received.clear();
-        }
+        self.is_broken |= size < HEADER;
         (!self.is_broken && self.received.len() >= size).then(|| self.received.drain(..size).collect())
     }
 
@@ -73,163 +46,103 @@ impl Link for Rtde {
         let (kind, content) = (request[HEADER - 1], &request[HEADER..]);
         match (kind, content) {
             (b'V', &[high, low]) => {
-                let version = u16::from_be_bytes([high, low]);
-                let is_known = [1, 2].contains(&version);
-                self.version = if is_known { version } else { self.version };
+                let is_known = [high, low] == [0, 2];
+                self.is_agreed |= is_known;
                 package(kind, &[u8::from(is_known)])
             }
             (b'v', []) => package(kind, &VERSION.map(u32::to_be_bytes).concat()),
-            (b'O', _) => self.set_up_outputs(content, now_s),
-            (b'I', _) => self.set_up_inputs(content, robot),
+            (b'O' | b'I' | b'U', _) if !self.is_agreed => message("only version 2 is spoken"),
+            (b'O', _) => self.set_up_outputs(content, now_s).unwrap_or_else(|| message("outputs can't be set up")),
+            (b'I', _) => self.set_up_inputs(content).unwrap_or_else(|| message("inputs can't be set up")),
             (b'S', []) if self.outputs.is_empty() && self.inputs.is_empty() => {
-                [package(kind, &[0]), self.message("no recipe is set up", ERROR)].concat()
+                [package(kind, &[0]), message("no recipe is set up")].concat()
             }
-            (b'S', []) => {
-                self.next = Some(self.first_after(now_s));
+            (b'S' | b'P', []) => {
+                self.next_s = (kind == b'S').then(|| self.due_after_s(now_s));
                 package(kind, &[1])
             }
-            (b'P', []) => {
-                self.next = None;
-                package(kind, &[1])
+            (b'U', _) => {
+                self.take_inputs(content, robot, scene, now_s).unwrap_or_else(|| message("inputs don't fit a recipe"))
             }
-            (b'U', _) => match self.take_inputs(content, robot, scene, now_s) {
-                Some(()) => Vec::new(),
-                None => self.message("input package doesn't fit its recipe", ERROR),
-            },
-            _ => self.message("unknown or malformed package", WARNING),
+            _ => message("unknown or malformed package"),
         }
     }
 
-    fn owed(&mut self, robot: &mut Robot, scene: &mut Scene, now_s: f64) -> Owed {
-        let is_lost = *self.losses.get_or_insert(robot.rtde_losses) != robot.rtde_losses;
-        if self.is_broken || is_lost || now_s < robot.rtde_lost_until_s {
+    fn owed(&mut self, robot: &Robot, scene: &mut Scene, now_s: f64) -> Owed {
+        if self.is_broken || *self.since_s.get_or_insert(now_s) < robot.rtde_lost_until_s {
             return Owed::HungUp;
         }
-        let Some(next) = self.next.filter(|_| !self.outputs.is_empty() && !robot.rtde_silent) else {
-            return Owed::Nothing;
-        };
-        if self.due_s(next) > now_s + EARLY_S {
-            return Owed::At(self.due_s(next));
+        match self.next_s.filter(|_| !self.outputs.is_empty() && !robot.rtde_silent) {
+            None => Owed::Nothing,
+            Some(next_s) if next_s > now_s + EARLY_S => Owed::At(next_s),
+            Some(_) => {
+                self.next_s = Some(self.due_after_s(now_s));
+                let cycle_s = ((now_s + EARLY_S) * MOST_HZ).floor() / MOST_HZ;
+                let readings = robot.readings(cycle_s, scene, now_s);
+                let values = self.outputs.iter().flat_map(|output| (output.read)(&readings, output.register));
+                Owed::Ready(package(b'U', &[1].into_iter().chain(values).collect::<Vec<u8>>()))
+            }
         }
-        let first_after = self.first_after(now_s);
-        self.next = Some(first_after);
-        Owed::Ready(self.data(self.due_s(first_after - 1), robot, scene, now_s))
     }
 }
 
 impl Rtde {
-    /// Time of a data package, s: the first control cycle at which it is due.
-    fn due_s(&self, package: u64) -> f64 {
-        (package as f64 * MOST_HZ / self.frequency_hz - EARLY_S).ceil().max(0.0) * CYCLE_S
+    /// Time of the first data package after a time, s: the first control cycle at which it is due.
+    fn due_after_s(&self, now_s: f64) -> f64 {
+        let number = ((now_s + EARLY_S) * self.frequency_hz).floor() + 1.0;
+        (number * MOST_HZ / self.frequency_hz - EARLY_S).ceil() / MOST_HZ
     }
 
-    /// Number of the first data package after a time.
-    fn first_after(&self, now_s: f64) -> u64 {
-        let mut package = ((now_s - CYCLE_S).max(0.0) * self.frequency_hz) as u64;
-        while self.due_s(package) <= now_s + EARLY_S {
-            package += 1;
-        }
-        package.max(1)
-    }
-
-    fn data(&self, at_s: f64, robot: &Robot, scene: &mut Scene, now_s: f64) -> Vec<u8> {
-        let readings = robot.readings(scene, now_s);
-        let mut data = Vec::with_capacity(HEADER + 1 + 48 * self.outputs.len());
-        data.extend([0, 0, b'U']);
-        if self.version > 1 {
-            data.push(1);
-        }
-        for output in &self.outputs {
-            output.write(robot, &readings, at_s, &mut data);
-        }
-        let size = (data.len() as u16).to_be_bytes();
-        data[..2].copy_from_slice(&size);
-        data
-    }
-
-    fn set_up_outputs(&mut self, content: &[u8], now_s: f64) -> Vec<u8> {
-        let split = content.split_first_chunk().filter(|_| self.version > 1);
-        let (frequency_hz, names) = match (self.version, split) {
-            (1, _) => (V1_HZ, content),
-            (_, Some((hz, names))) => (f64::from_be_bytes(*hz), names),
-            (_, None) => return self.message("malformed setup of outputs", ERROR),
-        };
-        let Some(names) = self::names(names).filter(|_| (1.0..=MOST_HZ).contains(&frequency_hz)) else {
-            return self.message("outputs can't be set up", ERROR);
-        };
-        let outputs: Vec<Option<Output>> = names.into_iter().map(Output::named).collect();
-        let kinds: Vec<&str> = outputs.iter().map(|output| output.map_or("NOT_FOUND", Output::kind)).collect();
-        let outputs: Option<Vec<Output>> = outputs.into_iter().collect();
-        let number = u8::from(outputs.is_some());
-        if let Some(outputs) = outputs {
+    fn set_up_outputs(&mut self, content: &[u8], now_s: f64) -> Option<Vec<u8>> {
+        let (frequency, list) = content.split_first_chunk()?;
+        let frequency_hz = Some(f64::from_be_bytes(*frequency)).filter(|hz| (1.0..=MOST_HZ).contains(hz))?;
+        let outputs: Vec<Option<Output>> = names(list)?.into_iter().map(Output::named).collect();
+        let answer = set_up(b'O', 1, outputs.iter().map(|output| Some(output.as_ref()?.kind)));
+        if let Some(outputs) = outputs.into_iter().collect() {
             (self.outputs, self.frequency_hz) = (outputs, frequency_hz);
-            self.next = self.next.map(|_| self.first_after(now_s));
+            self.next_s = self.next_s.map(|_| self.due_after_s(now_s));
         }
-        let kinds = kinds.join(",").into_bytes();
-        package(b'O', &if self.version > 1 { [vec![number], kinds].concat() } else { kinds })
+        Some(answer)
     }
 
-    fn set_up_inputs(&mut self, content: &[u8], robot: &mut Robot) -> Vec<u8> {
-        let Some(names) = names(content) else { return self.message("inputs can't be set up", ERROR) };
-        let inputs: Vec<Option<Input>> = names.into_iter().map(Input::named).collect();
-        let kind = |input: &Option<Input>| match input {
-            None => "NOT_FOUND",
-            Some(input) if robot.inputs.iter().any(|(used, link)| used == input && *link != self.number) => "IN_USE",
-            Some(input) => input.kind().0,
-        };
-        let kinds: Vec<&str> = inputs.iter().map(kind).collect();
-        let is_free = !kinds.contains(&"IN_USE") && self.inputs.len() < 255;
-        let inputs: Option<Vec<Input>> = inputs.into_iter().collect();
-        let mut number = 0;
-        if let Some(inputs) = inputs.filter(|_| is_free) {
-            robot.inputs.extend(inputs.iter().map(|input| (*input, self.number)));
-            self.inputs.push(inputs);
-            number = self.inputs.len() as u8;
-        }
-        package(b'I', &[vec![number], kinds.join(",").into_bytes()].concat())
+    fn set_up_inputs(&mut self, content: &[u8]) -> Option<Vec<u8>> {
+        let (names, number) = (names(content)?, u8::try_from(self.inputs.len() + 1).ok()?);
+        let answer = set_up(b'I', number, names.iter().map(|name| Some(input(name)?.0)));
+        let recipe = names.into_iter().map(|name| Some((name.to_owned(), input(name)?.1)));
+        self.inputs.extend(recipe.collect::<Option<Vec<_>>>());
+        Some(answer)
     }
 
-    /// Takes the inputs of a data package; `None` if it doesn't fit a recipe.
-    fn take_inputs(&mut self, content: &[u8], robot: &mut Robot, scene: &mut Scene, now_s: f64) -> Option<()> {
+    /// Takes the inputs of a data package, and returns the answer, which is empty; `None` if it doesn't fit a recipe.
+    fn take_inputs(&self, content: &[u8], robot: &mut Robot, scene: &mut Scene, now_s: f64) -> Option<Vec<u8>> {
         let (&number, mut rest) = content.split_first()?;
-        let inputs = self.inputs.get(usize::from(number).checked_sub(1)?)?;
-        if inputs.iter().map(|input| input.kind().1).sum::<usize>() != rest.len() {
-            return None;
-        }
-        let (mut slides, mut fraction, mut mask) = (false, None, [0_u64; 2]);
-        for input in inputs {
-            let (value, more) = rest.split_at_checked(input.kind().1)?;
+        let (mut slides, mut fraction) = (false, None);
+        for (name, length) in self.inputs.get(usize::from(number).checked_sub(1)?)? {
+            let (value, more) = rest.split_at_checked(*length)?;
             rest = more;
-            match *input {
-                Input::SliderMask => slides = value.iter().any(|&byte| byte != 0),
-                Input::SliderFraction => fraction = Some(f64::from_be_bytes(value.try_into().ok()?)),
-                Input::OutputMask(from) => mask[usize::from(from / 8)] = u64::from(value[0]) << from,
-                Input::OutputBits(from) => {
-                    let (mask, bits) = (mask[usize::from(from / 8)], u64::from(value[0]) << from);
-                    robot.digital_outputs = robot.digital_outputs & !mask | bits & mask;
-                }
-                Input::Integer(_) | Input::Double(_) | Input::Bit(_) | Input::Other(_) => {}
+            match name.as_str() {
+                "speed_slider_mask" => slides = value.iter().any(|&byte| byte != 0),
+                "speed_slider_fraction" => fraction = value.try_into().ok().map(f64::from_be_bytes),
+                _ => {}
             }
         }
-        if let Some(fraction) = fraction.filter(|_| slides) {
+        if let Some(fraction) = fraction.filter(|fraction| slides && rest.is_empty() && !fraction.is_nan()) {
             robot.move_slider(fraction, scene, now_s);
         }
-        Some(())
+        rest.is_empty().then(Vec::new)
     }
+}
 
-    /// Returns a text message.
-    fn message(&self, text: &str, level: u8) -> Vec<u8> {
-        let source = "RTDE";
-        package(
-            b'M',
-            &match self.version {
-                1 => [&[level], text.as_bytes()].concat(),
-                _ => {
-                    [&[text.len() as u8], text.as_bytes(), &[source.len() as u8], source.as_bytes(), &[level]].concat()
-                }
-            },
-        )
-    }
+/// Returns the answer to a setup: the number of the recipe, or 0 if a name is unknown, and the types.
+fn set_up(kind: u8, number: u8, kinds: impl Iterator<Item = Option<&'static str>>) -> Vec<u8> {
+    let kinds: Vec<&str> = kinds.map(|kind| kind.unwrap_or("NOT_FOUND")).collect();
+    let number = if kinds.contains(&"NOT_FOUND") { 0 } else { number };
+    package(kind, &[&[number], kinds.join(",").as_bytes()].concat())
+}
+
+/// Returns a text message: its length, its text, those of its source, and its level (1: error).
+fn message(text: &str) -> Vec<u8> {
+    package(b'M', &[&[text.len() as u8], text.as_bytes(), b"\x04RTDE\x01"].concat())
 }
 
 fn package(kind: u8, content: &[u8]) -> Vec<u8> {
@@ -237,9 +150,8 @@ fn package(kind: u8, content: &[u8]) -> Vec<u8> {
     [&size.to_be_bytes()[..], &[kind], content].concat()
 }
 
-/// Splits a list of names. It may end with a comma. `None` if it isn't one, or is too long.
+/// Splits a list of names. It may end with a comma. `None` if it is no text, or too long.
 fn names(content: &[u8]) -> Option<Vec<&str>> {
     let text = std::str::from_utf8(content).ok().filter(|text| text.len() <= NAMES_MOST)?;
-    let text = text.strip_suffix(',').unwrap_or(text);
-    (!text.is_empty()).then(|| text.split(',').collect())
+    Some(text.strip_suffix(',').unwrap_or(text).split(',').collect())
 }

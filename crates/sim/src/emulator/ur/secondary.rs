@@ -1,9 +1,9 @@
 //! One link of the secondary client interface: it takes programs, and sends the state of the robot (document: "Primary
 //! and Secondary Interfaces"). States that a client doesn't read are lost, and the last one before may be cut off.
 
-use super::link::Link;
-use super::robot::{EARLY_S, Robot, RobotMode, Runtime};
-use super::script::take_program;
+use super::Link;
+use super::robot::{EARLY_S, Robot, Runtime};
+use super::script::{read_program, take_program};
 use crate::emulator::Owed;
 use crate::scene::Scene;
 
@@ -11,12 +11,14 @@ use crate::scene::Scene;
 const PERIOD_S: f64 = 0.1;
 /// Longest program, bytes. The end of a longer one is read as if nothing came before it.
 const RECEIVED_MOST: usize = 1 << 15;
-/// Type of a message with the state, and of the part that states the modes, with its length, bytes.
-const ROBOT_STATE: u8 = 16;
-const MODE_DATA: u8 = 0;
-const MODE_DATA_LENGTH: i32 = 47;
+/// Time from the last byte of a program until it is compiled, s.
+const COMPILE_S: f64 = 0.06;
+/// Begin of a state message: its length, bytes, its type (16: state), and the length, bytes, and type (0: modes) of its
+/// only part.
+const HEADER: [u8; 10] = *b"\0\0\0\x34\x10\0\0\0\x2f\0";
 
 /// One link.
+#[derive(Default)]
 pub(super) struct Secondary {
     received: Vec<u8>,
     /// Time of the next state message, s.
@@ -24,10 +26,6 @@ pub(super) struct Secondary {
 }
 
 impl Link for Secondary {
-    fn open(_: &mut Robot) -> Secondary {
-        Secondary { received: Vec::new(), next_s: None }
-    }
-
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
         self.received.append(inbox);
         if self.received.len() > RECEIVED_MOST {
@@ -36,12 +34,15 @@ impl Link for Secondary {
         take_program(&mut self.received)
     }
 
+    /// Takes a program. A robot in local control ignores it, and any robot one that it can't read.
     fn answer(&mut self, request: &[u8], robot: &mut Robot, _: &mut Scene, now_s: f64) -> Vec<u8> {
-        robot.receive(request, now_s);
+        if let Some(steps) = read_program(request).filter(|_| robot.is_remote) {
+            (robot.next, robot.begin_s) = (steps, now_s + COMPILE_S);
+        }
         Vec::new()
     }
 
-    fn owed(&mut self, robot: &mut Robot, _: &mut Scene, now_s: f64) -> Owed {
+    fn owed(&mut self, robot: &Robot, _: &mut Scene, now_s: f64) -> Owed {
         let next_s = *self.next_s.get_or_insert(now_s + PERIOD_S);
         if next_s > now_s + EARLY_S {
             return Owed::At(next_s);
@@ -51,29 +52,17 @@ impl Link for Secondary {
     }
 }
 
-/// Returns a state message that has the modes only.
+/// Returns a state message that has the modes only. Its flags: connected, real, powered, emergency stop, protective
+/// stop, program running, program paused.
 fn state(robot: &Robot, now_s: f64) -> Vec<u8> {
-    let status = robot.safety_status().0;
-    let flags = [
-        true,
-        true,
-        robot.mode != RobotMode::PowerOff,
-        status == 7,
-        status == 3,
-        robot.is_running(),
-        robot.runtime == Runtime::Paused,
-    ];
-    let mut message = (5 + MODE_DATA_LENGTH).to_be_bytes().to_vec();
-    message.push(ROBOT_STATE);
-    message.extend(MODE_DATA_LENGTH.to_be_bytes());
-    message.push(MODE_DATA);
+    let (status, is_paused) = (robot.safety_status().0, robot.runtime == Runtime::Paused);
+    let flags = [true, true, robot.is_on, status == 7, status == 3, robot.is_running(), is_paused];
+    let mut message = HEADER.to_vec();
     message.extend(((now_s * 1e6) as u64).to_be_bytes());
     message.extend(flags.map(u8::from));
     // the control mode is that of positions
-    message.extend([robot.mode as u8, 0]);
-    for fraction in [robot.slider, 1.0, 1.0] {
-        message.extend(fraction.to_be_bytes());
-    }
+    message.extend([robot.mode().0 as u8, 0]);
+    message.extend([robot.slider, 1.0, 1.0].map(f64::to_be_bytes).as_flattened());
     message.push(0);
     message
 }
