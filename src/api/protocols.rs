@@ -59,6 +59,16 @@ pub(crate) const PROTOCOLS: &[Protocol] = &[
         "recipes/protocols/fkeel-interdigitation/recipe.toml",
         "recipes/protocols/fkeel-interdigitation/rig.toml"
     ),
+    protocol!(
+        "py3dcal-reskin",
+        "recipes/protocols/py3dcal-reskin/recipe.toml",
+        "recipes/protocols/py3dcal-reskin/rig.toml"
+    ),
+    protocol!(
+        "printed-membrane",
+        "recipes/protocols/printed-membrane/recipe.toml",
+        "recipes/protocols/printed-membrane/rig.toml"
+    ),
 ];
 
 /// Protocols that were read as files: number, name, folder of the library if it runs whole, and what it lacks.

@@ -3,15 +3,17 @@
 use palpate_testing::{TestFolder, campaign};
 
 /// The protocols, each with the number of its presses and the name of its recipe.
-const PROTOCOLS: [(&str, usize, &str); 4] = [
+const PROTOCOLS: [(&str, usize, &str); 6] = [
     ("liu-2018", 770, "paper"),
     ("tue-matrix", 675, "tue-matrix"),
     ("shaevitz-barometers", 961, "shaevitz-barometers"),
     ("fkeel-interdigitation", 1562, "fkeel-interdigitation"),
+    ("py3dcal-reskin", 567, "py3dcal-reskin"),
+    ("printed-membrane", 11000, "printed-membrane"),
 ];
 
 /// Those with a load cell.
-const BY_FORCE: [&str; 2] = ["liu-2018", "tue-matrix"];
+const BY_FORCE: [&str; 3] = ["liu-2018", "tue-matrix", "printed-membrane"];
 
 /// What `list protocols` prints.
 const LISTED: &str = "\
@@ -29,6 +31,12 @@ protocols: palpate init --from protocol:NAME
                          textile strips; 1562 presses by depth, no load cell; in
                          part: presses to a height of the machine; where the
                          surface is isn't published
+  py3dcal-reskin         rohankotanu/py3DCal, commit d0e3631, data_collection/
+                         sensors/ReSkin; 567 presses by depth, no load cell; in
+                         part: ten single readings of each press
+  printed-membrane       DSHardman/PrintedMembrane, commit 0fbdf02,
+                         PrinterControl.py; 11000 presses by force; in part:
+                         frames of the board over time
 
 `palpate reference protocols` lists what other published protocols lack.
 ";
@@ -58,7 +66,7 @@ fn every_protocol_is_listed_written_and_checked() {
         assert_eq!(object["is_whole"], object["lacks"].is_null(), "{name}");
     }
     let page = bench.palpate_ends(0, "reference protocols").out;
-    assert_eq!((page.matches("| whole: ").count(), page.matches("| in part: ").count()), (1, 3));
+    assert_eq!((page.matches("| whole: ").count(), page.matches("| in part: ").count()), (1, 5));
     let refused = bench.palpate_ends(2, "list rigs/esp301 --json").err;
     assert!(refused.contains("a file is printed as it is"), "{refused}");
     let refused = bench.palpate_ends(2, "init other --from protocol:liu-2019").err;
