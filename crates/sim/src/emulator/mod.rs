@@ -28,6 +28,7 @@ pub mod lines;
 pub mod listen;
 mod marlin;
 mod modbus;
+mod printer;
 mod process;
 mod serve;
 #[cfg(test)]
@@ -43,6 +44,7 @@ pub use marlin::{MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultKind};
 pub use modbus::{
     LabJackT7, LaumasTlb, Modbus, Refusal, RegisterBytes, RegisterMap, RobotiqFt300, SenecaZsg, Transmitter,
 };
+pub use printer::PrinterFault;
 pub use process::{Printer, ProcessArrayEmulator, ProcessLoadCellEmulator, ProcessStageEmulator};
 pub use serve::{INBOX_MOST, serve};
 pub use ur::{

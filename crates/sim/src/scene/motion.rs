@@ -70,6 +70,12 @@ impl Trajectory {
         self
     }
 
+    /// Returns this motion without what has passed.
+    pub(crate) fn left(&self, now_s: f64) -> Trajectory {
+        let gone = self.stretches.iter().filter(|s| s.from.s() <= now_s).count().saturating_sub(1);
+        Trajectory { stretches: self.stretches[gone..].to_vec(), ..*self }
+    }
+
     /// Returns the trajectory of a stage that follows a new profile from `now_s` with a lag of `lag_s`. The stage first continues
     /// its old motion for the lag time. Then it is at the position of the profile `lag_s` earlier.
     pub(super) fn followed_by(&self, profile: &Trajectory, now_s: f64, lag_s: f64) -> Trajectory {
@@ -77,9 +83,8 @@ impl Trajectory {
             return profile.clone();
         }
         let splice = At { began_s: now_s + lag_s, after_s: 0.0 };
-        let gone = self.stretches.iter().filter(|s| s.from.s() <= now_s).count().saturating_sub(1);
-        let mut stretches: Vec<Stretch> =
-            self.stretches[gone..].iter().filter(|s| s.from.s() < splice.s()).copied().collect();
+        let mut stretches = self.left(now_s).stretches;
+        stretches.retain(|s| s.from.s() < splice.s());
         if self.end_s() < splice.s() {
             stretches.push(self.rest());
         }

@@ -10,7 +10,7 @@ pub(super) const BLOCKS_MOST: usize = 15;
 /// Axes that GRBL homes together, in order. z is first, so that it is out of the way.
 const HOMING_TURNS: [&[Axis]; 2] = [&[Axis::Z], &[Axis::X, Axis::Y]];
 /// Ratio of the deceleration after a cut-off of the steps to the normal braking. GRBL doesn't count the remaining motion.
-const CUT_OFF_FACTOR: f64 = 4.0;
+pub(in crate::emulator) const CUT_OFF_FACTOR: f64 = 4.0;
 /// Speed of an axis that slips, mm/s.
 const SLIP_MM_S: f64 = 10.0;
 /// Acceleration of an axis that slips, mm/s^2.
@@ -343,16 +343,8 @@ impl Machine {
     fn brake(&self, decelerations_mm_s2: [f64; 3], scene: &mut Scene, now_s: f64) -> f64 {
         let mut end_s = now_s;
         for axis in Axis::ALL {
-            let (place_mm, speed_mm_s) = commanded(scene, axis, now_s);
-            let way = if speed_mm_s == 0.0 {
-                rest(place_mm, now_s)
-            } else {
-                // the end of the frame stops what the brake doesn't
-                let (min_mm, max_mm) = self.board.ends_mm(axis.index());
-                let room_mm = if speed_mm_s > 0.0 { max_mm - place_mm } else { place_mm - min_mm };
-                let needed_mm_s2 = speed_mm_s * speed_mm_s / (2.0 * room_mm.max(ROUNDING));
-                Trajectory::stop(now_s, (place_mm, speed_mm_s), decelerations_mm_s2[axis.index()].max(needed_mm_s2))
-            };
+            let n = axis.index();
+            let way = braked(scene.motion(axis), self.board.ends_mm(n), decelerations_mm_s2[n], now_s);
             end_s = end_s.max(way.end_s());
             scene.set_motion(axis, way, now_s);
         }
@@ -384,6 +376,22 @@ impl StraightMotion {
 /// Trajectory of an axis that is at rest from `since_s` on.
 pub(in crate::emulator) fn rest(place_mm: f64, since_s: f64) -> Trajectory {
     Trajectory::stop(since_s, (place_mm, 0.0), 1.0)
+}
+
+/// Returns how an axis comes to rest with a deceleration. The end of the frame, mm, stops what the brake doesn't.
+pub(in crate::emulator) fn braked(
+    motion: &Trajectory,
+    (min_mm, max_mm): (f64, f64),
+    deceleration_mm_s2: f64,
+    now_s: f64,
+) -> Trajectory {
+    let (place_mm, speed_mm_s) = (motion.position_mm(now_s), motion.speed_mm_s(now_s));
+    if speed_mm_s == 0.0 {
+        return rest(place_mm, now_s);
+    }
+    let room_mm = if speed_mm_s > 0.0 { max_mm - place_mm } else { place_mm - min_mm };
+    let needed_mm_s2 = speed_mm_s * speed_mm_s / (2.0 * room_mm.max(ROUNDING));
+    Trajectory::stop(now_s, (place_mm, speed_mm_s), deceleration_mm_s2.max(needed_mm_s2))
 }
 
 fn commanded(scene: &Scene, axis: Axis, now_s: f64) -> (f64, f64) {

@@ -1,37 +1,30 @@
 //! A 3D printer with stock Klipper 0.12, reached through the HTTP port of Moonraker (documents: docs/Status_Reference.md,
 //! docs/G-Codes.md and docs/API_Server.md of Klipper3d/klipper and its klippy folder; docs/external_api of Arksine/moonraker
-//! and its moonraker/components folder).
+//! and its moonraker/components folder). Requests are JSON-RPC in the bodies of POST, one in each.
 //!
-//! A script is answered when its last line is carried out. A move is carried out when it is queued. So only M400 waits for the
-//! axes, and it looks every 0.1 s. Klipper runs one script at a time: others wait, also on other connections. Queries and the
-//! emergency stop don't wait. A connection answers one request after another.
+//! A script is answered when its last line is carried out. A move is carried out when it is planned. So only M400 waits for the
+//! axes, and it looks every 0.1 s. Klipper runs one script at a time: others wait, also on other connections. Queries
+//! don't wait. A connection answers one request after another.
 //!
-//! Moves end at corners with a rest. Moves along one line at one speed are joined. There is no extruder, no heater and no
+//! Each move begins and ends with a rest. G28 finds no endstop, and moves nothing. There is no extruder, no heater, no file and no
 //! subscription. Axes whose motors are off stay where they are.
 
 mod api;
 mod board;
-mod commands;
-mod fault;
 mod gcode;
 mod http;
-mod klippy;
-mod plan;
 mod printer;
-mod status;
 #[cfg(test)]
 mod tests;
 mod toolhead;
 
 use super::{Instrument, Owed, Shared};
 use crate::scene::{Scene, SceneDevice};
-pub use board::KlipperBoard;
-pub use fault::{KlipperFault, KlipperFaultKind};
+pub use board::{KlipperBoard, KlipperFault, KlipperFaultKind};
 
-use api::Exchange;
-use http::{HttpReader, HttpRequest};
 use palpate_core::parallel::lock;
-use printer::KlipperPrinter;
+use printer::{KlipperPrinter, Ticket};
+use serde_json::{Value, json};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 use tokio::sync::Notify;
@@ -44,18 +37,23 @@ const WAITING_MOST: usize = 64;
 pub struct KlipperEmulator {
     printer: Shared<KlipperPrinter>,
     bell: Arc<Notify>,
-    reader: HttpReader,
+    /// Bytes of a request that isn't complete. An inbox is too small for the longest ones.
+    received: Vec<u8>,
     /// Requests that wait for their turn.
     waiting: VecDeque<Vec<u8>>,
-    exchange: Option<Exchange>,
-    /// An answer that is sent later, and its time, s.
-    held: Option<(f64, Vec<u8>)>,
-    /// Time of the first look at this connection, s.
-    opened_s: Option<f64>,
-    /// Whether an answer was lost, so that no other can follow.
-    mute: bool,
-    /// Whether Moonraker closes the connection.
+    turn: Turn,
+    /// Whether Moonraker closes the connection. It takes no further request.
     closes: bool,
+}
+
+/// What a connection does.
+enum Turn {
+    /// It takes the next request.
+    Next,
+    /// It waits for the outcome of a call with this id.
+    Called(Value, Ticket),
+    /// It sends an answer at a time, s. If that is infinite, the answer is lost, and no other follows.
+    Late(f64, Vec<u8>),
 }
 
 impl KlipperEmulator {
@@ -65,68 +63,56 @@ impl KlipperEmulator {
     }
 
     fn on(printer: Shared<KlipperPrinter>, bell: Arc<Notify>) -> Self {
-        KlipperEmulator {
-            printer,
-            bell,
-            reader: HttpReader::default(),
-            waiting: VecDeque::new(),
-            exchange: None,
-            held: None,
-            opened_s: None,
-            mute: false,
-            closes: false,
-        }
+        let (received, waiting) = (Vec::new(), VecDeque::new());
+        KlipperEmulator { printer, bell, received, waiting, turn: Turn::Next, closes: false }
     }
 
     /// Lets the printer go on and answers what can be answered. Returns the answers, and the time of the next event, s.
     fn go_on(&mut self, scene: &mut Scene, now_s: f64) -> (Vec<u8>, f64) {
         let shared = self.printer.clone();
         let mut printer = lock(&shared);
-        let opened_s = *self.opened_s.get_or_insert(now_s);
         printer.run(scene, now_s);
-        let (down_s, up_s) = printer.moonraker_s;
-        if opened_s < down_s || (down_s..up_s).contains(&now_s) {
-            self.closes = true;
-            (self.exchange, self.held) = (None, None);
-            self.waiting.clear();
+        if now_s < printer.moonraker_s {
+            (self.closes, self.turn) = (true, Turn::Next);
         }
         let mut answers = Vec::new();
-        while !self.mute {
-            if let Some((_, answer)) = self.held.take_if(|held| held.0 <= now_s) {
-                answers.extend(answer);
-            }
-            if self.held.is_some() || self.exchange.is_none() && (self.closes || !self.begin(&mut answers)) {
-                break;
-            }
-            let Some(exchange) = &mut self.exchange else { break };
-            let Some(answer) = exchange.go_on(&mut printer, scene, now_s) else { break };
-            self.closes |= exchange.closes;
-            self.exchange = None;
-            match printer.faults.take_of_answer(now_s) {
-                Some(KlipperFaultKind::LostAnswer) => self.mute = true,
-                Some(KlipperFaultKind::SlowAnswer(later_s)) => self.held = Some((now_s + later_s, answer)),
-                _ => answers.extend(answer),
-            }
+        loop {
+            self.turn = match &mut self.turn {
+                Turn::Next => match self.waiting.pop_front() {
+                    Some(request) if !self.closes => {
+                        let read = http::read(&request);
+                        self.closes = !matches!(read, Ok((_, false)));
+                        match read {
+                            Ok((json, _)) => api::call(json, &mut printer, scene, now_s),
+                            Err(status) => Turn::Late(
+                                now_s,
+                                http::answer(status, &json!({"error": {"message": status}}).to_string(), true),
+                            ),
+                        }
+                    }
+                    _ => break,
+                },
+                Turn::Called(id, ticket) => {
+                    let Some(outcome) = ticket.get() else { break };
+                    let at_s = match printer.faults.take(now_s, KlipperFaultKind::is_of_answer) {
+                        Some(KlipperFaultKind::LostAnswer) => f64::INFINITY,
+                        Some(KlipperFaultKind::SlowAnswer(later_s)) => now_s + later_s,
+                        _ => now_s,
+                    };
+                    Turn::Late(at_s, api::answer(id, outcome, self.closes))
+                }
+                Turn::Late(at_s, _) if *at_s > now_s => break,
+                Turn::Late(_, answer) => {
+                    answers.append(answer);
+                    Turn::Next
+                }
+            };
         }
-        let held_s = self.held.as_ref().map_or(f64::INFINITY, |held| held.0);
-        let next_s = printer.next_s().min(held_s);
         if std::mem::take(&mut printer.stirred) {
             self.bell.notify_waiters();
         }
-        (answers, next_s)
-    }
-
-    /// Begins to answer the next request. Returns whether there is one.
-    fn begin(&mut self, answers: &mut Vec<u8>) -> bool {
-        let Some(bytes) = self.waiting.pop_front() else { return false };
-        match HttpRequest::parse(&bytes) {
-            Some(request) => self.exchange = Some(Exchange::new(&request)),
-            None => {
-                answers.extend(http::refusal());
-                self.closes = true;
-            }
-        }
-        self.exchange.is_some()
+        let late_s = if let Turn::Late(at_s, _) = self.turn { at_s } else { f64::INFINITY };
+        (answers, printer.next_s().min(late_s))
     }
 }
 
@@ -136,16 +122,15 @@ impl Instrument for KlipperEmulator {
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-        self.reader.take(inbox)
+        self.received.append(inbox);
+        http::take(&mut self.received)
     }
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
         if self.waiting.len() < WAITING_MOST {
             self.waiting.push_back(request.to_vec());
         }
-        let (answers, _) = self.go_on(scene, now_s);
-        self.bell.notify_waiters();
-        answers
+        self.go_on(scene, now_s).0
     }
 
     fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
@@ -160,7 +145,7 @@ impl Instrument for KlipperEmulator {
         let (answers, next_s) = self.go_on(scene, now_s);
         match () {
             () if !answers.is_empty() => Owed::Ready(answers),
-            () if self.closes && self.held.is_none() => Owed::HungUp,
+            () if self.closes && matches!(self.turn, Turn::Next) => Owed::HungUp,
             () if next_s.is_finite() => Owed::At(next_s),
             () => Owed::Nothing,
         }

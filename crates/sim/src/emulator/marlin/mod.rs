@@ -25,13 +25,13 @@ mod report;
 #[cfg(test)]
 mod tests;
 
+use super::printer::PrinterFaults;
 use super::{Instrument, Owed, Shared};
 use crate::scene::{Scene, SceneDevice};
 pub use board::MarlinBoard;
 pub use fault::{MarlinFault, MarlinFaultKind};
 
 use commands::Stall;
-use fault::MarlinFaults;
 use gcode::MarlinCommand;
 use line::SerialLines;
 use planner::MarlinPlanner;
@@ -77,7 +77,7 @@ pub struct MarlinEmulator {
     busy_s: f64,
     /// Time from one report of temperatures to the next, and time of the next, s (M155).
     reports: Option<(f64, f64)>,
-    faults: MarlinFaults,
+    faults: PrinterFaults<MarlinFaultKind>,
     /// Whether the port was opened since the last request.
     opened: bool,
     bell: Arc<Notify>,
@@ -122,7 +122,7 @@ impl MarlinEmulator {
             keepalive_s: KEEPALIVE_S,
             busy_s: f64::INFINITY,
             reports: None,
-            faults: MarlinFaults(board.faults.clone()),
+            faults: PrinterFaults(board.faults.clone()),
             opened: false,
             bell: Arc::default(),
             stock: board,
@@ -201,7 +201,7 @@ impl MarlinEmulator {
                 return;
             }
             match event {
-                Event::Fault => self.fail(reply, scene, now_s),
+                Event::Fault => self.fail(reply, scene, (at_s, now_s)),
                 Event::Ready => {
                     self.power = Power::Runs;
                     self.reader.clear();
@@ -229,7 +229,7 @@ impl MarlinEmulator {
 
     /// Time of the next event, s, and the event.
     fn next_event(&self) -> (f64, Event) {
-        let fault = (self.faults.next_s(), Event::Fault);
+        let fault = (self.faults.next_s(MarlinFaultKind::is_timed), Event::Fault);
         let command_s = match (self.commands.is_empty(), self.stall) {
             (true, _) => f64::INFINITY,
             (false, None) => self.held_s,
@@ -249,9 +249,15 @@ impl MarlinEmulator {
         }
     }
 
-    fn fail(&mut self, reply: &mut MarlinReply, scene: &mut Scene, now_s: f64) {
-        match self.faults.take_next() {
-            Some(MarlinFaultKind::Chatter { .. }) if self.power == Power::Runs => reply.line(report::TEMPERATURES),
+    fn fail(&mut self, reply: &mut MarlinReply, scene: &mut Scene, (at_s, now_s): (f64, f64)) {
+        match self.faults.take(now_s, MarlinFaultKind::is_timed) {
+            Some(kind @ MarlinFaultKind::Chatter { every_s }) => {
+                // it happens again
+                self.faults.0.push(MarlinFault { from_s: at_s + every_s.max(0.001), kind });
+                if self.power == Power::Runs {
+                    reply.line(report::TEMPERATURES);
+                }
+            }
             Some(MarlinFaultKind::Reboot) => self.reset(scene, now_s),
             Some(MarlinFaultKind::MotorsOff) => self.planner.lose_current(scene, now_s),
             _ => {}
@@ -261,7 +267,7 @@ impl MarlinEmulator {
     /// Resets the board. The axes move on a little if they moved.
     fn reset(&mut self, scene: &mut Scene, now_s: f64) {
         self.planner.reset(self.stock.clone(), scene, now_s);
-        let faults = MarlinFaults(std::mem::take(&mut self.faults.0));
+        let faults = PrinterFaults(std::mem::take(&mut self.faults.0));
         let fresh = MarlinEmulator::new(self.stock.clone(), scene);
         let old = std::mem::replace(self, fresh);
         self.planner = old.planner;
@@ -278,7 +284,7 @@ impl MarlinEmulator {
 
     /// Answers a line with `ok` and perhaps more.
     fn ok(&mut self, more: &str, reply: &mut MarlinReply, now_s: f64) {
-        if !self.faults.take(MarlinFaultKind::LostOk, now_s) {
+        if self.faults.take(now_s, |kind| kind == MarlinFaultKind::LostOk).is_none() {
             reply.line(format!("ok{more}"));
         }
     }
@@ -288,7 +294,7 @@ impl MarlinEmulator {
     /// Stores a line in the serial buffer. A line for which there is no room is lost.
     fn receive(&mut self, request: &[u8], now_s: f64) {
         let mut line = String::from_utf8_lossy(request).into_owned();
-        if self.faults.take(MarlinFaultKind::GarbledLine, now_s) {
+        if self.faults.take(now_s, |kind| kind == MarlinFaultKind::GarbledLine).is_some() {
             line = garbled(&line);
         }
         let taken: usize = self.received.iter().map(|line| line.len() + 1).sum();
