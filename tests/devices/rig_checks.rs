@@ -254,3 +254,21 @@ fn emulate_names_devices_without_a_socket_and_refuses_a_port_for_them() {
     let output = bench.palpate_ends(2, &format!("emulate {} --port stag=0", rig.display()));
     assert!(output.running().contains("there is no device with this name"), "{}", output.err);
 }
+
+#[test]
+fn the_rig_of_an_arm_is_checked_before_it_moves() {
+    let rig = shipped_text("rigs/ur.toml");
+    let points = "[[300.0, -200.0, 100.0], [400.0, -200.0, 100.0], [300.0, -100.0, 100.0]]";
+    let cases = [
+        ("\"UR5e\"", "\"UR5f\"", "models: UR3, UR5, UR10"),
+        (points, "[[300.0, 0.0, 0.0], [400.0, 0.0, 0.0], [500.0, 1.0, 0.0]]", "nearly on one line"),
+        (points, "[[900.0, -600.0, 100.0], [950.0, -600.0, 100.0], [900.0, -500.0, 100.0]]", "a UR5e reaches 850 mm"),
+        ("[0.0, 3.1416, 0.0]", "[0.0, 3.1416]", "`tool_rad` is a list of three numbers"),
+        ("[stage]\n", "[stage]\nhome = \"by hand\"\n", "remove `home`"),
+    ];
+    for (from, to, expected) in cases {
+        let bench = TestFolder::with([("rig.toml", exchanged(&rig, from, to).as_str())]);
+        let output = bench.palpate_ends(2, "doctor rig.toml");
+        assert!(output.running().contains(expected), "{to}: {}", output.err);
+    }
+}

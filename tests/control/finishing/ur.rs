@@ -1,6 +1,7 @@
 //! An arm of Universal Robots that presses 1 N.
 
 use super::{Finishing, Wrong};
+use palpate_core::quantity::StageCertificate;
 use palpate_run::rig::{RigSpec, SimulatedRig};
 use palpate_sim::emulator::UrFaultKind::{
     EmergencyStop, LocalControl, PowerOff, ProtectiveStop, RtdeLost, RtdeSilent, Sideways, SpeedSlider, Tilt,
@@ -77,4 +78,18 @@ fn each_fault_in_a_press_is_named() {
 #[test]
 fn the_velocity_strategy_is_refused() {
     ARM.check_velocity_is_refused();
+}
+
+/// The arm gives way under a force, so its position isn't the depth.
+#[test]
+fn a_depth_is_as_uncertain_as_the_arm_is_soft() {
+    let mut spec = ARM.rig(2.0, 80.0);
+    spec.load_cell.stiffness_n_mm = Some(400.0);
+    spec.stage.certificate =
+        Some(StageCertificate { number: "1".to_owned(), date: "2026-05-04".to_owned(), u_mm: 0.02, k: 2.0 });
+    assert_eq!(spec.u_depth_mm(0.01, 1.0), None, "its stiffness isn't stated");
+    spec.stage.stiffness_n_mm = Some(20.0);
+    let u_mm = spec.u_depth_mm(0.01, 1.0).expect("all is stated");
+    let bent_mm = (1f64 / 400.0).hypot(1.0 / 20.0) / 3f64.sqrt();
+    assert!((u_mm - 0.01f64.hypot(0.01).hypot(bent_mm)).abs() < 1e-9, "{u_mm} mm");
 }

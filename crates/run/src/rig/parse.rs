@@ -124,8 +124,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         table.complain(Problem::new(table.span_of(&stage::home_side), text).help("remove `home_side`"));
     }
     if home == Some(Home::ByHand) && !driver.homes_by_hand() {
-        let text =
-            "this stage homes to its switches: `home = \"by hand\"` is for GRBL without switches, and for Marlin";
+        let text = "this stage finds its position itself: `home = \"by hand\"` is for GRBL without switches, Marlin and Klipper";
         table.complain(Problem::new(table.span_of(&stage::home), text).help("remove `home`"));
     }
     if driver.abilities().finishes() && !driver.knows_home() && home.is_some_and(|home| home != Home::ByHand) {
@@ -144,6 +143,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         settle_s: settle_ms / 1000.0,
         steps: steps?.unwrap_or(Steps::FINE),
         certificate: certificate?,
+        stiffness_n_mm: table.number(&stage::stiffness_n_mm),
         home_z_mm: table.number(&stage::home_z_mm),
         homed: homed?,
         home: home?,

@@ -85,6 +85,8 @@ pub struct StageSpec {
     pub steps: Steps,
     /// Calibration certificate of the stage.
     pub certificate: Option<StageCertificate>,
+    /// Stiffness of the stage itself, N/mm; `None` if not stated.
+    pub stiffness_n_mm: Option<f64>,
     /// How the position of the axes becomes known.
     pub home: Home,
     /// End of z at which the stage homes, as seen from the specimen.
@@ -213,13 +215,21 @@ impl RigSpec {
         Some(certificate.standard_uncertainty_mm().hypot(self.u_origin_mm.unwrap_or(0.0)))
     }
 
-    /// Returns the standard uncertainty of a depth, mm, from that of the touched surface, that of the stage, and the deflection of the load
-    /// cell under this force. The deflection isn't subtracted: the true one is anywhere from none to force over stiffness. `None` if the
-    /// stage has no certificate, or the stiffness of the load cell isn't stated.
+    /// Returns the standard uncertainty of a depth, mm, from that of the touched surface, that of the stage, and the deflections of the load
+    /// cell and of the stage under this force. A deflection isn't subtracted: the true one is anywhere from none to force over stiffness.
+    /// `None` if the stage has no certificate, or the stiffness of the load cell or of an arm isn't stated.
     pub fn u_depth_mm(&self, touch_sigma_mm: f64, force_n: f64) -> Option<f64> {
         let stage_mm = self.stage.certificate.as_ref()?.standard_uncertainty_mm();
         let deflection_mm = if self.has_load_cell() { force_n / self.load_cell.stiffness_n_mm? } else { 0.0 };
-        Some(touch_sigma_mm.hypot(stage_mm).hypot(deflection_mm / 3f64.sqrt()))
+        // without a load cell the force may be any up to the limit
+        let most_n = if self.has_load_cell() { force_n } else { self.limits.force_n };
+        let bent_mm = match self.stage.stiffness_n_mm {
+            Some(stiffness_n_mm) => most_n / stiffness_n_mm,
+            None if self.stage.driver.bends() => return None,
+            None => 0.0,
+        };
+        let deflections_mm = deflection_mm.hypot(bent_mm) / 3f64.sqrt();
+        Some(touch_sigma_mm.hypot(stage_mm).hypot(deflections_mm))
     }
 
     /// Returns the same rig with this program's emulators instead of its links.
@@ -393,6 +403,11 @@ pub trait StageDriver: Driver {
 
     /// Whether it knows its position at any time, so that it never searches for home.
     fn knows_home(&self) -> bool {
+        false
+    }
+
+    /// Whether it gives way under a force as an arm does, so that its position isn't that of the tip.
+    fn bends(&self) -> bool {
         false
     }
 

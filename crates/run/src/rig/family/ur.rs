@@ -180,6 +180,10 @@ impl StageDriver for UrStageSpec {
         StageAbilities { late_s: LATE_S, ..StageAbilities::FINISHES }
     }
 
+    fn bends(&self) -> bool {
+        true
+    }
+
     fn knows_home(&self) -> bool {
         true
     }
