@@ -303,10 +303,24 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
         duration(descent_s)
     );
     let _ = writeln!(text, "{}", permitted(rig));
+    text.push_str(&finished(rig));
     let links = if rig.is_simulated() { "simulated, in virtual time" } else { "real, in real time" };
     let _ = writeln!(text, "  links: {links}");
     text.push_str(&guarded(plan, rig));
     text
+}
+
+/// Describes a stage that finishes each motion, and what it can't do.
+fn finished(rig: &RigSpec) -> String {
+    let abilities = rig.stage.driver.abilities();
+    if !abilities.finishes() {
+        return String::new();
+    }
+    let late = match abilities.late_s {
+        0.0 => String::new(),
+        late_s => format!(", some {late_s} s late"),
+    };
+    format!("  the stage finishes each motion{late}:\n  strategies guarded and map, no drags\n")
 }
 
 /// Describes what notices a load cell or a sensor that changes, and what doesn't.

@@ -26,6 +26,20 @@ const LEVEL_S: f64 = 0.4;
 const LOOK_S: f64 = 0.1;
 const REACTION_S: f64 = 0.05;
 
+/// Motions of a press on a stage that finishes each motion, and conversions of the load cell that it waits for between them: counted on
+/// printers with 10 and 80 conversions per second, and an arm.
+const MOTIONS: f64 = 8.0;
+const CONVERSIONS: f64 = 78.0;
+
+/// Returns what a press takes longer on a stage that finishes each motion, s.
+fn finishing_s(spec: &RigSpec) -> f64 {
+    let abilities = spec.stage.driver.abilities();
+    match abilities.finishes() && spec.has_load_cell() {
+        true => MOTIONS * abilities.late_s + CONVERSIONS / spec.load_cell.conversions_hz,
+        false => 0.0,
+    }
+}
+
 /// Returns data on the first descent from home to the surface of the frame: the minimum number of steps, and the duration, s.
 pub fn first_descent(spec: &RigSpec) -> (f64, f64) {
     let (way_mm, limits) = (-spec.top_mm(), spec.limits);
@@ -54,6 +68,7 @@ pub fn estimated_s(entries: &[Entry], spec: &RigSpec) -> f64 {
         });
         total_s += MotionProfile::new(way_mm, spec.stage.speed_mm_s, spec.stage.acceleration_mm_s2).duration_s()
             + if spec.has_load_cell() { press_s(entry.task.strategy) } else { unforced_s(entry, spec) }
+            + finishing_s(spec)
             + LEVEL_S * (levels - 1.0)
             + levels * (entry.task.hold_s + entry.task.sample_s)
             + dragged_s

@@ -25,8 +25,8 @@ pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     array: None,
 };
 
-/// How late the first motion of an idle printer begins, s (Klipper's toolhead, `BUFFER_TIME_START`).
-const LATE_S: f64 = 0.25;
+/// How late a motion begins and is reported, s: 0.25 s by `BUFFER_TIME_START` of Klipper's toolhead, 0.1 s by `M400`.
+const LATE_S: f64 = 0.35;
 
 #[derive(Debug)]
 struct KlipperStageSpec;
