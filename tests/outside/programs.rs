@@ -222,17 +222,23 @@ const ONE_PRESS: &str = "name = \"one\"\nchecks = \"none\"\n[press]\nstrategy = 
 #[ignore = "needs python3"]
 fn the_examples_are_devices_of_a_rig() {
     has_python3();
-    let mut command = TestFolder::new().command("doctor rigs/process.toml --json --confirmed down");
-    command.current_dir(shipped(""));
-    let output = command.output().expect("the program starts");
-    // nothing has shown that the load cell measures force
-    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
-    let printed: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    let identity = |device: usize| printed["devices"][device]["identity"]["identity"].as_str().unwrap_or_default();
-    for (device, name) in ["stage", "load cell", "array"].iter().enumerate() {
-        assert!(identity(device).contains(name), "{printed}");
+    let arm =
+        exchanged(&shipped_text("rigs/process.toml"), "examples/stage.py\"]", "examples/arm.py\"], finishes = true");
+    let bench = TestFolder::with([("arm.toml", arm.as_str())]);
+    let arm = bench.path("arm.toml").display().to_string();
+    for (rig, stage) in [("rigs/process.toml", "stage"), (&arm, "arm")] {
+        let mut command = bench.command(&format!("doctor {rig} --json --confirmed down"));
+        command.current_dir(shipped(""));
+        let output = command.output().expect("the program starts");
+        // nothing has shown that the load cell measures force
+        assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
+        let printed: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        let identity = |device: usize| printed["devices"][device]["identity"]["identity"].as_str().unwrap_or_default();
+        for (device, name) in [stage, "load cell", "array"].iter().enumerate() {
+            assert!(identity(device).contains(name), "{printed}");
+        }
+        assert!(printed["noise_n"].as_f64().is_some_and(|noise_n| noise_n > 0.0), "{printed}");
     }
-    assert!(printed["noise_n"].as_f64().is_some_and(|noise_n| noise_n > 0.0), "{printed}");
 }
 
 #[test]

@@ -28,7 +28,7 @@ const TILT_RAD: f64 = 0.01;
 /// Deceleration of a stop before the rig's own is known, mm/s^2.
 const STOP_MM_S2: f64 = 500.0;
 
-/// Slowest setting of the speed slider with which a run goes on. Slower motions would wait for ever.
+/// Slowest setting of the speed slider with which a run continues.
 const PACE_LEAST: f64 = 0.05;
 
 /// Values of the robot's state (RTDE guide): robot mode, safety modes, runtime state.

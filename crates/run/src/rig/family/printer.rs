@@ -1,4 +1,4 @@
-//! What printers can't do, whatever their firmware.
+//! What printers can't do, with any firmware.
 
 use crate::rig::spec::{Home, Misfit, RigSpec};
 use palpate_sim::scene::SceneDevice;

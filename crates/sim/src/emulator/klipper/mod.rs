@@ -67,7 +67,7 @@ impl KlipperEmulator {
         KlipperEmulator { printer, bell, received, waiting, turn: Turn::Next, closes: false }
     }
 
-    /// Lets the printer go on and answers what can be answered. Returns the answers, and the time of the next event, s.
+    /// Lets the printer continue and answers what can be answered. Returns the answers, and the time of the next event, s.
     fn go_on(&mut self, scene: &mut Scene, now_s: f64) -> (Vec<u8>, f64) {
         let shared = self.printer.clone();
         let mut printer = lock(&shared);

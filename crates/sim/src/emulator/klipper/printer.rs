@@ -144,7 +144,7 @@ impl KlipperPrinter {
         self.klippy = Klippy::new("disconnected", "Klippy Disconnected", now_s + DISCONNECTED_S);
     }
 
-    /// Times at which a fault happens, the host becomes another, a script goes on, and the idle timeout ends, s.
+    /// Times at which a fault happens, the host becomes another, a script continues, and the idle timeout ends, s.
     fn due_s(&self) -> [f64; 4] {
         let script_s = self.scripts.front().map_or(f64::INFINITY, |script| script.until_s);
         // the motors of axes that aren't homed are off
@@ -154,7 +154,7 @@ impl KlipperPrinter {
         [fault_s, self.klippy.until_s, script_s, if rests { idle_s } else { f64::INFINITY }]
     }
 
-    /// Lets the running script go on after a wait, until its next one or its end.
+    /// Lets the running script continue after a wait, until its next one or its end.
     fn carry_on(&mut self, scene: &mut Scene, now_s: f64) {
         let Some(mut script) = self.scripts.pop_front() else { return };
         let outcome = loop {

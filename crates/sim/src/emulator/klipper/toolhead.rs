@@ -112,7 +112,7 @@ impl Toolhead {
         self.homed = [false; 3];
     }
 
-    /// Ends the steps at once. Moving axes go on a little. Klipper still believes that what was planned is made.
+    /// Ends the steps at once. Moving axes continue a little. Klipper still believes that what was planned is made.
     pub(super) fn cut_off(&self, scene: &mut Scene, now_s: f64) {
         for axis in Axis::ALL {
             let brake_mm_s2 = CUT_OFF_FACTOR * self.board.max_accel_mm_s2;
