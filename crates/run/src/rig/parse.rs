@@ -261,7 +261,7 @@ fn read_frame(table: &Table) -> Option<Frame> {
     let tilt = read_tilt(table, &frame::tilt_mm_per_mm);
     if let Some(tilt) = tilt.filter(|tilt| !tilt.is_allowed()) {
         let text = format!("the surface is tilted by {:.2} degrees, over {TILT_MOST_DEG}", tilt.degrees());
-        let help = "shim the specimen until it is level, and run `palpate align` again";
+        let help = "shim the specimen until it is level, and run `palpate align` again; with an arm, teach its frame on the surface";
         table.complain(Problem::new(table.span_of(&frame::tilt_mm_per_mm), text).help(help));
         return None;
     }
@@ -456,7 +456,7 @@ mod tests {
             (
                 "\"esp301\"",
                 "\"esp310\"",
-                "`driver` is \"esp310\", expected one of esp301, esp300, grbl, marlin, or a table: { xps = ... }, { process = [...] }",
+                "`driver` is \"esp310\", expected one of esp301, esp300, grbl, marlin, klipper, or a table: { ur = ... }, { xps = ... }, { process = [...] }",
             ),
             ("modbus = \"labjack-t7\"", "modbus = \"labjack\"", "there is no register map \"labjack\""),
             (
@@ -476,7 +476,7 @@ mod tests {
             (
                 "\"esp301\"",
                 "{}",
-                "unknown driver: expected one of xps, process, or only a name: esp301, esp300, grbl, marlin",
+                "unknown driver: expected one of ur, xps, process, or only a name: esp301, esp300, grbl, marlin, klipper",
             ),
             ("{ modbus = \"labjack-t7\" }", "{}", "unknown driver: expected one of modbus, lines, daqmx, process"),
             ("down = \"-z\"", "down = \"z\"", "`down` is \"z\", expected one of -z, +z"),
