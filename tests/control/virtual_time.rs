@@ -11,7 +11,7 @@ use palpate_testing::{campaign, shipped_text};
 const QUICK: usize = 6;
 
 const RECIPES: [&str; 6] = ["paper", "calibrate", "characterise", "test", "bench", "batch"];
-const RIGS: [&str; 12] = [
+const RIGS: [&str; 14] = [
     "sim",
     "paper",
     "bench-esp301",
@@ -20,6 +20,8 @@ const RIGS: [&str; 12] = [
     "xps",
     "grbl",
     "marlin",
+    "klipper",
+    "ur",
     "matrix",
     "process",
     "printer",

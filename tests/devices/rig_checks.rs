@@ -263,6 +263,7 @@ fn the_rig_of_an_arm_is_checked_before_it_moves() {
         ("\"UR5e\"", "\"UR5f\"", "models: UR3, UR5, UR10"),
         (points, "[[300.0, 0.0, 0.0], [400.0, 0.0, 0.0], [500.0, 1.0, 0.0]]", "nearly on one line"),
         (points, "[[900.0, -600.0, 100.0], [950.0, -600.0, 100.0], [900.0, -500.0, 100.0]]", "a UR5e reaches 850 mm"),
+        ("[0.0, 3.1416, 0.0]", "[0.0, 2.0, 0.0]", "`tool_rad` points the tool 65 degrees off `frame.down`"),
         ("[0.0, 3.1416, 0.0]", "[0.0, 3.1416]", "`tool_rad` is a list of three numbers"),
         ("[stage]\n", "[stage]\nhome = \"by hand\"\n", "remove `home`"),
     ];

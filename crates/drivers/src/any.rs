@@ -127,6 +127,7 @@ load_cells! {
     Lines(lines::LineLoadCell),
     Xps(xps::XpsAnalog),
     Daqmx(daqmx::DaqmxLoadCell),
+    Ur(ur::UrForce),
     Process(process::ProcessLoadCell),
     Missing(MissingLoadCell),
 }

@@ -61,7 +61,7 @@ fn each_fault_in_a_press_is_named() {
         (PowerOff, "its robot mode is"),
         (RtdeSilent, "no answer to \"the next RTDE package\" within 1000 ms"),
         (LocalControl, "is it in remote control"),
-        (Sideways { mm: 0.3 }, "mm off its straight way, `path_error_mm` is 0.1"),
+        (Sideways { mm: 0.3 }, "mm off its straight way, `path_error_mm` is 0.2"),
         (Tilt { rad: 0.03 }, "its tool is tilted by"),
     ];
     for (kind, expected) in cases {

@@ -56,6 +56,18 @@ impl TaughtFrame {
         self.tool_rad
     }
 
+    /// Returns the angle between the tool's own z and a direction along the stage's z (+1 or -1), degrees.
+    pub fn lean_deg(&self, along_z: f64) -> f64 {
+        let tool = column_of(rotation(self.tool_rad), 2);
+        dot(tool, scaled(self.axes[2], along_z)).clamp(-1.0, 1.0).acos().to_degrees()
+    }
+
+    /// Returns a checksum of the points and the orientation.
+    pub(super) fn checksum(&self) -> u32 {
+        let numbers = self.axes.iter().chain([&self.origin_mm, &self.tool_rad]).flatten();
+        crc32fast::hash(&numbers.flat_map(|number| number.to_be_bytes()).collect::<Vec<u8>>())
+    }
+
     /// Returns a position of the stage in the base, mm.
     pub fn to_base(&self, at_mm: [f64; 3]) -> [f64; 3] {
         (0..3).fold(self.origin_mm, |sum, axis| plus(sum, scaled(self.axes[axis], at_mm[axis])))
@@ -126,6 +138,11 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// Returns the largest component without its sign.
+pub(super) fn longest(a: [f64; 3]) -> f64 {
+    a.iter().fold(0.0, |most: f64, each| most.max(each.abs()))
 }
 
 pub(super) fn length(a: [f64; 3]) -> f64 {

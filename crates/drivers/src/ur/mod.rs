@@ -5,11 +5,13 @@
 //! need a stop.
 
 mod frame;
+mod load_cell;
 mod rtde;
 mod script;
 mod stage;
 
 pub use frame::TaughtFrame;
+pub use load_cell::UrForce;
 pub use stage::{RobotLinks, RobotSettings, Ur};
 
 #[cfg(test)]

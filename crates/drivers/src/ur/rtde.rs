@@ -1,19 +1,22 @@
 //! RTDE (real-time data exchange), protocol version 2: packages of a robot's state. All numbers are big-endian.
 
-use palpate_link::time::{Instant, timeout_at};
+use palpate_link::time::{Instant, timeout, timeout_at};
 use palpate_link::wire::{ByteStream, Connector, WireError, silent};
 use std::io::{Error, ErrorKind};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 /// Rate of the packages, 1/s. The controller sends at most 500.
-const RATE_HZ: f64 = 125.0;
+const RATE_HZ: f64 = 1.0 / Rtde::INTERVAL.as_millis() as f64 * 1000.0;
 
 /// Longest wait for an answer, and for the next package of a started stream.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(1);
 
 /// Longest package, bytes. That of the state has some 200, a text message may be longer.
 const PACKAGE_BYTES_MAX: usize = 4096;
+
+/// Largest number of texts that are kept.
+const TEXTS_MAX: usize = 16;
 
 /// Largest number of packages that may come before an answer.
 const PACKAGES_MAX: usize = 1000;
@@ -23,10 +26,10 @@ pub(super) const BEGUN_REGISTER: u8 = 40;
 pub(super) const ENDED_REGISTER: u8 = 41;
 pub(super) const OUTSIDE_REGISTER: u8 = 42;
 
-const VARIABLES: &str = "actual_TCP_pose,actual_TCP_speed,actual_TCP_force,target_speed_fraction,robot_mode,safety_mode,runtime_state,\
+const VARIABLES: &str = "actual_TCP_pose,actual_TCP_speed,actual_TCP_force,target_speed_fraction,speed_scaling,robot_mode,safety_mode,runtime_state,\
                          output_int_register_40,output_int_register_41,output_int_register_42";
-const TYPES: &str = "VECTOR6D,VECTOR6D,VECTOR6D,DOUBLE,INT32,INT32,UINT32,INT32,INT32,INT32";
-const STATE_BYTES: usize = 3 * 48 + 8 + 6 * 4;
+const TYPES: &str = "VECTOR6D,VECTOR6D,VECTOR6D,DOUBLE,DOUBLE,INT32,INT32,UINT32,INT32,INT32,INT32";
+const STATE_BYTES: usize = 3 * 48 + 2 * 8 + 6 * 4;
 
 /// Types of packages (RTDE guide, "package types").
 mod package {
@@ -50,7 +53,9 @@ pub(super) struct RobotState {
     /// Force at the tool's centre point along the base's axes, N.
     pub force_n: [f64; 3],
     /// Share of its speed to which the speed slider is set.
-    pub pace: f64,
+    pub slider: f64,
+    /// Share of that speed which the robot itself allows in a motion.
+    pub scaling: f64,
     pub robot_mode: i32,
     pub safety_mode: i32,
     pub runtime: u32,
@@ -74,6 +79,24 @@ pub(super) struct Rtde {
 impl Rtde {
     pub(super) fn new(connector: Connector) -> Self {
         Rtde { connector, stream: None, inbox: Vec::new(), recipe: 0, is_started: false, texts: Vec::new() }
+    }
+
+    /// Time from one state to the next.
+    pub(super) const INTERVAL: Duration = Duration::from_millis(8);
+
+    /// Returns the newest state, and starts the stream if it isn't started.
+    pub(super) async fn newest(&mut self) -> Result<RobotState, WireError> {
+        if !self.is_started {
+            return self.start().await;
+        }
+        let mut newest = None;
+        while let Ok(next) = timeout(Duration::ZERO, self.next()).await {
+            newest = Some(next?);
+        }
+        match newest {
+            Some(state) => Ok(state),
+            None => self.next().await,
+        }
     }
 
     /// Whether the stream of states is started.
@@ -115,7 +138,9 @@ impl Rtde {
 
     fn state(&mut self, payload: &[u8]) -> Result<RobotState, WireError> {
         match payload.split_first() {
-            Some((recipe, state)) if *recipe == self.recipe && state.len() == STATE_BYTES => Ok(parse_state(state)),
+            Some((recipe, state)) if *recipe == self.recipe && state.len() == STATE_BYTES => {
+                parse_state(state).ok_or_else(|| self.broken("a package of RTDE has a number that isn't finite"))
+            }
             _ => Err(self.broken("a package of RTDE isn't of the form that was agreed")),
         }
     }
@@ -137,7 +162,7 @@ impl Rtde {
             _ => {
                 let types = String::from_utf8_lossy(answer.get(1..).unwrap_or_default()).into_owned();
                 return Err(
-                    self.broken(&format!("it offers the RTDE variables {VARIABLES} as {types}, expected {TYPES}"))
+                    self.broken(&format!("it offers the RTDE variables {VARIABLES} as {types}, expected {TYPES} (PolyScope 3.9, 5.3 or later)"))
                 );
             }
         }
@@ -205,7 +230,9 @@ impl Rtde {
     /// Keeps a text message: its length, its text, and where it comes from.
     fn keep(&mut self, payload: &[u8]) {
         let text = payload.split_first().and_then(|(length, rest)| rest.get(..usize::from(*length)));
-        self.texts = text.map(|text| String::from_utf8_lossy(text).into_owned()).into_iter().collect();
+        if self.texts.len() < TEXTS_MAX {
+            self.texts.extend(text.map(|text| String::from_utf8_lossy(text).into_owned()));
+        }
     }
 
     pub(super) fn close(&mut self) {
@@ -219,22 +246,23 @@ impl Rtde {
     }
 }
 
-/// Reads a state of [`STATE_BYTES`], in the order of [`VARIABLES`].
-fn parse_state(bytes: &[u8]) -> RobotState {
+/// Reads a state of [`STATE_BYTES`], in the order of [`VARIABLES`]. `None` if a number isn't finite.
+fn parse_state(bytes: &[u8]) -> Option<RobotState> {
     let double = |at: usize| f64::from_be_bytes(std::array::from_fn(|byte| bytes[at + byte]));
     let whole = |at: usize| i32::from_be_bytes(std::array::from_fn(|byte| bytes[at + byte]));
     let three = |at: usize, factor: f64| std::array::from_fn(|nth| factor * double(at + 8 * nth));
-    RobotState {
+    (0..20).all(|nth| double(8 * nth).is_finite()).then(|| RobotState {
         at_mm: three(0, 1000.0),
         rotation_rad: three(24, 1.0),
         speed_mm_s: three(48, 1000.0),
         force_n: three(96, 1.0),
-        pace: double(144),
-        robot_mode: whole(152),
-        safety_mode: whole(156),
-        runtime: whole(160) as u32,
-        begun: whole(164),
-        ended: whole(168),
-        outside: whole(172),
-    }
+        slider: double(144).clamp(0.0, 1.0),
+        scaling: double(152).clamp(0.0, 1.0),
+        robot_mode: whole(160),
+        safety_mode: whole(164),
+        runtime: whole(168) as u32,
+        begun: whole(172),
+        ended: whole(176),
+        outside: whole(180),
+    })
 }

@@ -9,11 +9,12 @@ fn pose(at_mm: [f64; 3], rotation_rad: [f64; 3]) -> String {
     format!("p[{x:.7},{y:.7},{z:.7},{rx:.6},{ry:.6},{rz:.6}]")
 }
 
-/// Returns a program that reports its number when it begins and when it ends.
+/// Returns a program that reports its number when it begins and when it ends. One that comes late, after another one, does nothing.
 fn program(number: i32, lines: &str) -> String {
     format!(
-        "def palpate():\n  write_output_integer_register({BEGUN_REGISTER}, {number})\n{lines}  \
-         write_output_integer_register({ENDED_REGISTER}, {number})\nend\n"
+        "def palpate():\n  if (read_output_integer_register({BEGUN_REGISTER}) < {number}):\n  \
+         write_output_integer_register({BEGUN_REGISTER}, {number})\n{lines}  \
+         write_output_integer_register({ENDED_REGISTER}, {number})\n  end\nend\n"
     )
 }
 

@@ -1,6 +1,6 @@
 //! The stage: identified without a motion, moved by one program for each motion, watched on its way.
 
-use super::frame::{TaughtFrame, length, minus, sideways_mm};
+use super::frame::{TaughtFrame, length, longest, minus, sideways_mm};
 use super::rtde::{RobotState, Rtde};
 use super::script;
 use crate::MOTION_MARGIN;
@@ -28,6 +28,9 @@ const TILT_RAD: f64 = 0.01;
 /// Deceleration of a stop before the rig's own is known, mm/s^2.
 const STOP_MM_S2: f64 = 500.0;
 
+/// Number of states in which a program that began is neither running nor at its end.
+const IDLE_STATES_MAX: usize = 5;
+
 /// Slowest setting of the speed slider with which a run continues.
 const PACE_LEAST: f64 = 0.05;
 
@@ -37,6 +40,8 @@ const NORMAL: i32 = 1;
 const REDUCED: i32 = 2;
 const PROTECTIVE_STOP: i32 = 3;
 const STOPPED: u32 = 1;
+const PLAYING: u32 = 2;
+const PAUSED: u32 = 4;
 
 /// Links to a robot, each to another of its ports.
 pub struct RobotLinks {
@@ -55,8 +60,10 @@ pub struct RobotSettings {
     pub frame: TaughtFrame,
     /// Largest distance of the tool from its straight way, mm.
     pub path_error_mm: f64,
-    /// Change of the robot's own force since it was prepared at which a motion is stopped, N. It includes the error of that force.
+    /// Change of the robot's own force in one motion at which it is stopped, N. It includes the error of that force.
     pub guard_n: f64,
+    /// Model, such as `UR5e`.
+    pub model: String,
 }
 
 /// An arm with PolyScope 5 or 3.
@@ -73,8 +80,6 @@ pub struct Ur {
     number: i32,
     is_awaited: bool,
     motion: Option<ArmMotion>,
-    /// Force when it was prepared, along the base's axes, N.
-    free_n: Option<[f64; 3]>,
     pace: f64,
     /// Whether its last state allows a motion.
     is_running: bool,
@@ -85,6 +90,10 @@ pub struct Ur {
 struct ArmMotion {
     from_mm: [f64; 3],
     to_mm: [f64; 3],
+    /// The robot's own force at its start, N.
+    force_n: [f64; 3],
+    /// Whether it goes away from the specimen. Nothing but the robot's own modes may prevent that.
+    is_leaving: bool,
     /// Whether it was ordered to stop before its end.
     is_stopped: bool,
 }
@@ -103,7 +112,6 @@ impl Ur {
             number: 0,
             is_awaited: false,
             motion: None,
-            free_n: None,
             pace: 1.0,
             is_running: false,
         }
@@ -160,16 +168,24 @@ impl Ur {
 
     /// Checks that the robot can move, and is where it is to be.
     fn check(&mut self, doing: &str, state: &RobotState) -> Result<(), DeviceError> {
-        self.pace = state.pace;
+        // outside a motion the robot's own scaling means nothing
+        let scaling = if state.runtime == PLAYING && state.scaling > 0.0 { state.scaling } else { 1.0 };
+        self.pace = (state.slider * scaling).max(PACE_LEAST);
         self.is_running = matches!((state.safety_mode, state.robot_mode), (NORMAL | REDUCED, RUNNING));
+        let is_leaving = self.motion.is_some_and(|motion| motion.is_leaving);
         let problem = match (state.safety_mode, state.robot_mode) {
-            (NORMAL | REDUCED, RUNNING) if state.pace < PACE_LEAST => {
-                format!("its speed slider is at {:.0} %: set it to 100 %", 100.0 * state.pace)
+            // the way out of a contact may take long
+            (NORMAL | REDUCED, RUNNING) if state.slider < PACE_LEAST && !is_leaving => {
+                format!("its speed slider is at {:.0} %: set it to 100 %", 100.0 * state.slider)
             }
+            (NORMAL | REDUCED, RUNNING) if state.runtime == PAUSED => {
+                "its program is paused, and continues when somebody lets it: stop it on the pendant".to_owned()
+            }
+            (NORMAL | REDUCED, RUNNING) if is_leaving => return Ok(()),
             (NORMAL | REDUCED, RUNNING) => return self.check_way(doing, state),
             (PROTECTIVE_STOP, _) => "it is in a protective stop and stays where it is: its tip may still press on the specimen. Find the \
-                                     cause, move the tip away by hand (Freedrive), then unlock the stop on the pendant; palpate never \
-                                     unlocks it"
+                                     cause, stop the paused program, move the tip away by hand (Freedrive), then unlock the stop on the \
+                                     pendant; palpate never unlocks it"
                 .to_owned(),
             (NORMAL | REDUCED, mode) => {
                 format!("its robot mode is {mode}, not 7 (running): switch it on and release its brakes on the pendant")
@@ -196,13 +212,14 @@ impl Ur {
             let text = format!("its tool is {off_mm:.3} mm off its straight way, `path_error_mm` is {most_mm}");
             return Err(self.error(doing, DeviceProblem::Motion(text)));
         }
-        let limit_n = self.settings.guard_n;
-        match self.free_n {
-            Some(free_n) if length(minus(state.force_n, free_n)) > limit_n => {
-                Err(self.error(doing, DeviceProblem::Guarded { limit_n }))
-            }
-            _ => Ok(()),
+        let (changed_n, limit_n) = (length(minus(state.force_n, motion.force_n)), self.settings.guard_n);
+        if changed_n > limit_n {
+            let text = format!(
+                "the robot's own force changed by {changed_n:.1} N in one motion, over {limit_n:.1} N: it was stopped"
+            );
+            return Err(self.error(doing, DeviceProblem::Motion(text)));
         }
+        Ok(())
     }
 
     /// Sends a program and reads states until one is accepted. A stop that is ordered meanwhile is sent at once.
@@ -214,7 +231,7 @@ impl Ur {
         is_done: impl Fn(&Ur, &RobotState) -> bool,
         late: &str,
     ) -> Result<RobotState, DeviceError> {
-        let begun = Instant::now();
+        let (begun, mut idle) = (Instant::now(), 0);
         loop {
             let next = tokio::select! {
                 biased;
@@ -231,6 +248,13 @@ impl Ur {
                     if is_done(self, &state) {
                         return Ok(state);
                     }
+                    let is_cut = state.runtime == STOPPED && state.begun == self.number && state.ended != self.number;
+                    idle = if is_cut { idle + 1 } else { 0 };
+                    if idle > IDLE_STATES_MAX {
+                        let text =
+                            "its program was ended by somebody else, or by an error that the pendant shows".to_owned();
+                        return Err(self.error(doing, DeviceProblem::Motion(text)));
+                    }
                 }
             }
             if begun.elapsed() > deadline.div_f64(self.pace) {
@@ -244,33 +268,48 @@ impl Ur {
         &mut self,
         doing: &str,
         to_mm: [f64; 3],
-        speed_mm_s: f64,
-        acceleration_mm_s2: f64,
+        (speed_mm_s, usage): (f64, &StageUse),
         orders: &MotionOrders,
     ) -> Result<(), DeviceError> {
         let started = self.robot.start().await;
         let state = started.map_err(|error| self.failed(doing, &error))?;
-        self.check(doing, &state)?;
-        let frame = &self.settings.frame;
-        let (expected_mm, target_mm) = (frame.to_base(self.at_mm), frame.to_base(to_mm));
-        let off_mm = length(minus(state.at_mm, expected_mm));
-        if off_mm > self.settings.path_error_mm {
-            let text = format!("its tool is {off_mm:.3} mm from where it came to rest: something else moved it");
-            return Err(self.error(doing, DeviceProblem::Motion(text)));
-        }
         let way_mm = minus(to_mm, self.at_mm);
-        let longest_mm = way_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
-        if longest_mm == 0.0 || orders.stopped() {
+        let is_leaving = way_mm[0] == 0.0 && way_mm[1] == 0.0 && way_mm[2] * usage.away > 0.0;
+        self.motion = Some(ArmMotion {
+            from_mm: state.at_mm,
+            to_mm: self.settings.frame.to_base(to_mm),
+            force_n: state.force_n,
+            is_leaving,
+            is_stopped: false,
+        });
+        let checked = self.check(doing, &state).and_then(|()| self.check_start(doing, &state));
+        if let Err(error) = checked {
+            self.motion = None; // nothing moves
+            return Err(error);
+        }
+        let frame = &self.settings.frame;
+        let (target_mm, along_path) = (frame.to_base(to_mm), length(way_mm) / longest(way_mm));
+        if longest(way_mm) == 0.0 || orders.stopped() {
+            self.motion = None;
             return Ok(());
         }
-        // speed and acceleration of the rig are those of an axis
-        let along_path = length(way_mm) / longest_mm;
-        let (v, a, rotation_rad) = (speed_mm_s * along_path, acceleration_mm_s2 * along_path, frame.tool_rad());
-        self.motion = Some(ArmMotion { from_mm: state.at_mm, to_mm: target_mm, is_stopped: false });
+        // speed and acceleration of the rig are those of an axis; on the way out the tool doesn't turn
+        let (v, a) = (speed_mm_s * along_path, usage.acceleration_mm_s2 * along_path);
+        let rotation_rad = if is_leaving { state.rotation_rad } else { frame.tool_rad() };
         self.send(doing, |number| script::motion(number, target_mm, rotation_rad, v, a)).await?;
         self.at_mm = to_mm;
         let late = "it doesn't begin a program: is it in remote control, and no message on the pendant?";
         self.until(doing, BEGUN_DEADLINE, orders, |own, state| state.begun == own.number, late).await?;
+        Ok(())
+    }
+
+    /// Checks that nothing else moved the tool since it came to rest.
+    fn check_start(&self, doing: &str, state: &RobotState) -> Result<(), DeviceError> {
+        let off_mm = length(minus(state.at_mm, self.settings.frame.to_base(self.at_mm)));
+        if off_mm > self.settings.path_error_mm {
+            let text = format!("its tool is {off_mm:.3} mm from where it came to rest: something else moved it");
+            return Err(self.error(doing, DeviceProblem::Motion(text)));
+        }
         Ok(())
     }
 
@@ -281,8 +320,11 @@ impl Ur {
             started.map_err(|error| self.failed(doing, &error))?;
         }
         let late = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+        let begun = Instant::now();
         let is_done = |own: &Ur, state: &RobotState| {
-            let has_ended = !own.is_awaited || state.ended == own.number;
+            // a stop that never begins was refused: the arm may rest all the same
+            let is_refused = state.begun != own.number && begun.elapsed() > BEGUN_DEADLINE;
+            let has_ended = !own.is_awaited || state.ended == own.number || is_refused;
             has_ended && state.runtime == STOPPED && length(state.speed_mm_s) < REST_MM_S
         };
         let state = self.until(doing, expected + MOTION_MARGIN, orders, is_done, &late).await?;
@@ -297,9 +339,14 @@ impl Ur {
     /// After an error the arm is stopped where it is, and the stream of states rests.
     async fn settle<T>(&mut self, result: Result<T, DeviceError>) -> Result<T, DeviceError> {
         if result.is_err() {
+            // the first error is reported
             if self.motion.take().is_some() {
-                self.is_awaited = self.is_running && self.stop().await.is_ok(); // the first error is reported
+                self.is_awaited = self.is_running && self.stop().await.is_ok();
                 self.at_mm = [f64::NAN; 3];
+            }
+            if !self.is_running {
+                // a paused program would continue by itself when its cause is cleared
+                let _ = self.ask("stopping its program", ["stop"]).await;
             }
             self.robot.pause().await;
         }
@@ -318,7 +365,8 @@ impl Ur {
         let is_done = |own: &Ur, state: &RobotState| state.ended == own.number && state.runtime == STOPPED;
         let state = self.until(doing, BEGUN_DEADLINE, orders, is_done, late).await?;
         self.is_awaited = false;
-        match usize::try_from(state.outside - 1).ok().and_then(|nth| corners_mm.get(nth)) {
+        match state.outside.checked_sub(1).and_then(|nth| usize::try_from(nth).ok()).and_then(|nth| corners_mm.get(nth))
+        {
             None => Ok(()),
             Some([x, y, z]) => {
                 let text = format!(
@@ -334,14 +382,19 @@ impl Ur {
 impl Stage for Ur {
     async fn identify(&mut self, _: &StageUse) -> Result<Identity, DeviceError> {
         let doing = "identifying it";
-        (self.usage, self.free_n, self.motion, self.is_awaited) = (None, None, None, false);
+        (self.usage, self.motion, self.is_awaited) = (None, None, false);
         let questions = ["get robot model", "get serial number", "PolyscopeVersion", "is in remote control"];
         let [model, serial, version, remote] = self.ask(doing, questions).await?;
         if remote == "false" {
             let text = "it is in local control: select remote control on the pendant".to_owned();
             return Err(self.error(doing, DeviceProblem::Mismatch(text)));
         }
-        let identity = format!("{model} {serial}, {version}");
+        if model.trim_end_matches('e') != self.settings.model.trim_end_matches('e') {
+            let text = format!("it is a {model}, and the rig states `ur = \"{}\"`", self.settings.model);
+            return Err(self.error(doing, DeviceProblem::Mismatch(text)));
+        }
+        // a frame that was taught again may have another direction of z, which a person confirms again
+        let identity = format!("{model} {serial}, {version}, frame {:08x}", self.settings.frame.checksum());
         let state = self.state(doing).await?;
         self.check(doing, &state)?;
         if state.runtime != STOPPED {
@@ -367,7 +420,7 @@ impl Stage for Ur {
         }
         let speed_mm_s = usage.home_speed_mm_s;
         let moved = async {
-            self.move_to(doing, to_mm, speed_mm_s, usage.acceleration_mm_s2, orders).await?;
+            self.move_to(doing, to_mm, (speed_mm_s, usage), orders).await?;
             self.ended(doing, Duration::from_secs_f64(way_mm / speed_mm_s), orders).await
         };
         let moved = moved.await;
@@ -396,7 +449,6 @@ impl Stage for Ur {
         let checked = self.check_reach(doing, usage, orders).await;
         self.settle(checked).await?;
         self.robot.pause().await;
-        self.free_n = Some(state.force_n);
         self.usage = Some(usage.clone());
         Ok(())
     }
@@ -423,7 +475,7 @@ impl Stage for Ur {
             }
             to_mm[axis.index()] = *target_mm;
         }
-        let begun = self.move_to(doing, to_mm, speed_mm_s, usage.acceleration_mm_s2, orders).await;
+        let begun = self.move_to(doing, to_mm, (speed_mm_s, &usage), orders).await;
         self.settle(begun).await
     }
 

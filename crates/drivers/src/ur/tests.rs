@@ -25,9 +25,12 @@ struct FakeArm {
     programs: Vec<String>,
     /// Whether it carries programs out.
     obeys: bool,
-    /// How far it is off its way while it moves, mm.
+    /// How far it is off its way while it moves, mm, and by how much its force then rises, N.
     off_mm: f64,
+    rise_n: f64,
     remote: &'static str,
+    /// Whether its programs end after they began.
+    is_cut: bool,
 }
 
 /// Zero of the stage's axes in the base, mm; its axes are those of the base.
@@ -49,17 +52,19 @@ impl Default for FakeArm {
             programs: Vec::new(),
             obeys: true,
             off_mm: 0.0,
+            rise_n: 0.0,
             remote: "true",
+            is_cut: false,
         }
     }
 }
 
 impl FakeArm {
     fn package(&self) -> Vec<u8> {
-        let mut bytes = vec![0, 180, b'U', 7];
+        let mut bytes = vec![0, 188, b'U', 7];
         let pose = (0..3).map(|axis| (ORIGIN_MM[axis] + self.at_mm[axis]) / 1000.0).chain(self.rotation_rad);
         let force = [0.0, 0.0, self.force_n, 0.0, 0.0, 0.0];
-        for number in pose.chain([0.0; 6]).chain(force).chain([self.pace]) {
+        for number in pose.chain([0.0; 6]).chain(force).chain([self.pace, 1.0]) {
             bytes.extend(number.to_be_bytes());
         }
         for number in [7, self.safety_mode, self.runtime as i32, self.begun, self.ended, self.outside] {
@@ -79,11 +84,16 @@ impl FakeArm {
             .lines()
             .filter_map(|line| line.split_once("_register(40, ").map(|(_, rest)| number(rest)))
             .collect();
-        (self.begun, self.ended) = (numbers[0], numbers[0]);
+        self.begun = numbers[0];
+        if self.is_cut {
+            return;
+        }
+        self.ended = numbers[0];
         if let Some((_, rest)) = program.split_once("movel(p[") {
             let pose: Vec<f64> = rest.split(']').next().unwrap().split(',').map(|each| each.parse().unwrap()).collect();
             self.at_mm = std::array::from_fn(|axis| 1000.0 * pose[axis] - ORIGIN_MM[axis]);
             self.at_mm[0] += self.off_mm;
+            self.force_n += self.rise_n;
         }
     }
 }
@@ -126,7 +136,7 @@ async fn rtde(arm: Arm, mut far: DuplexStream) {
                     b'O' => {
                         assert_eq!(rest[..8], 125f64.to_be_bytes());
                         assert!(rest[8..].starts_with(b"actual_TCP_pose,actual_TCP_speed,actual_TCP_force,"));
-                        b"\x00\x4aO\x07VECTOR6D,VECTOR6D,VECTOR6D,DOUBLE,INT32,INT32,UINT32,INT32,INT32,INT32"
+                        b"\x00\x51O\x07VECTOR6D,VECTOR6D,VECTOR6D,DOUBLE,DOUBLE,INT32,INT32,UINT32,INT32,INT32,INT32"
                     }
                     b'S' => {
                         is_started = true;
@@ -180,7 +190,11 @@ fn robot(arm: &Arm) -> Ur {
     let frame = TaughtFrame::new(points_mm, TOOL_RAD).unwrap();
     let links =
         RobotLinks { rtde: served(arm, rtde), programs: served(arm, programs), dashboard: served(arm, dashboard) };
-    Ur::new(links, RobotSettings { frame, path_error_mm: 0.1, guard_n: 10.0 }, "script".to_owned())
+    Ur::new(
+        links,
+        RobotSettings { frame, path_error_mm: 0.1, guard_n: 10.0, model: "UR5e".to_owned() },
+        "script".to_owned(),
+    )
 }
 
 /// Tests an arm that has been identified and homed, with no orders.
@@ -190,7 +204,7 @@ async fn with_arm(first: FakeArm, test: impl AsyncFnOnce(&Arm, &mut Ur, &MotionO
         let arm = Arc::new(Mutex::new(first));
         let mut stage = robot(&arm);
         let identity = stage.identify(&usage()).await.unwrap();
-        assert_eq!(identity.identity, "UR5 20195599999, URSoftware 5.11.0.108249 (Apr 21 2021)");
+        assert!(identity.identity.starts_with("UR5 20195599999, URSoftware 5.11.0.108249 (Apr 21 2021), frame "));
         stage.home(&usage(), &MotionOrders::default()).await.unwrap();
         test(&arm, &mut stage, &MotionOrders::default()).await;
     };
@@ -213,9 +227,9 @@ async fn each_motion_is_one_program_with_one_straight_line() {
         assert!((at_mm[0] - 3.0).abs() < 1e-9 && (at_mm[1] - 4.0).abs() < 1e-9);
         let programs = arm.lock().unwrap().programs.clone();
         assert!(programs[0].contains("is_within_safety_limits(p[") && !programs[0].contains("movel"));
-        let motion = "def palpate():\n  write_output_integer_register(40, 6)\n  \
+        let motion = "def palpate():\n  if (read_output_integer_register(40) < 6):\n  write_output_integer_register(40, 6)\n  \
                       movel(p[0.3000000,-0.2000000,0.0990000,0.000000,3.141593,0.000000], a=0.100000, v=0.002000)\n  \
-                      write_output_integer_register(41, 6)\nend\n";
+                      write_output_integer_register(41, 6)\n  end\nend\n";
         assert_eq!(programs[1], motion);
         // along the diagonal, so that neither axis is faster than 2 mm/s
         assert!(programs[2].contains("a=0.125000, v=0.002500"), "{}", programs[2]);
@@ -248,7 +262,7 @@ async fn what_prevents_a_motion_is_named() {
 async fn an_arm_off_its_way_or_that_feels_too_much_is_stopped() {
     let cases: [(fn(&mut FakeArm), &str); 2] = [
         (|arm| arm.off_mm = 0.15, "its tool is 0.150 mm off its straight way"),
-        (|arm| arm.force_n = 14.0, "its guard ended the motion at a force of 10.000 N"),
+        (|arm| arm.rise_n = 11.0, "the robot's own force changed by 11.0 N in one motion, over 10.0 N"),
     ];
     for (change, expected) in cases {
         with_arm(FakeArm::default(), async |arm, stage, orders| {
@@ -257,9 +271,9 @@ async fn an_arm_off_its_way_or_that_feels_too_much_is_stopped() {
             assert!(refused.contains(expected), "{refused}");
             let last = arm.lock().unwrap().programs.last().cloned().unwrap();
             assert!(last.contains("stopl(0.100000)"), "{last}");
-            // the next motion begins where it came to rest
-            (arm.lock().unwrap().off_mm, arm.lock().unwrap().force_n) = (0.0, 3.0);
-            moved(stage, &[(Axis::Z, 3.0)], orders).await.unwrap();
+            // the way out is open: it begins where it came to rest, and what was wrong stays so
+            assert_eq!(moved(stage, &[(Axis::Z, 3.0)], orders).await.unwrap(), [3.0]);
+            (arm.lock().unwrap().off_mm, arm.lock().unwrap().rise_n) = (0.0, 0.0);
         })
         .await;
     }
@@ -287,7 +301,8 @@ async fn a_stop_replaces_the_program_and_its_end_is_awaited() {
 
 #[tokio::test(start_paused = true)]
 async fn a_robot_that_may_not_be_used_is_refused_before_anything_moves() {
-    let cases: [(fn(&mut FakeArm), &str); 5] = [
+    let cases: [(fn(&mut FakeArm), &str); 6] = [
+        (|arm| arm.pace = f64::NAN, "a number that isn't finite"),
         (|arm| arm.remote = "false", "it is in local control"),
         (|arm| arm.runtime = 2, "a program runs on it"),
         (|arm| arm.safety_mode = 7, "its safety mode is 7"),
@@ -307,4 +322,17 @@ async fn a_robot_that_may_not_be_used_is_refused_before_anything_moves() {
         };
         tokio::task::LocalSet::new().run_until(run).await;
     }
+}
+
+/// A late program after another one does nothing, and one that somebody ended isn't awaited.
+#[tokio::test(start_paused = true)]
+async fn a_program_that_somebody_ended_is_named_at_once() {
+    with_arm(FakeArm::default(), async |arm, stage, orders| {
+        let begun = tokio::time::Instant::now();
+        arm.lock().unwrap().is_cut = true;
+        let refused = moved(stage, &[(Axis::X, 1.0)], orders).await.unwrap_err();
+        assert!(refused.contains("its program was ended by somebody else"), "{refused}");
+        assert!(begun.elapsed() < Duration::from_secs(1), "{:?}", begun.elapsed());
+    })
+    .await;
 }

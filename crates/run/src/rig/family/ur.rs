@@ -1,12 +1,13 @@
 //! Universal Robots: an arm as a stage.
 
-use super::{Beside, DeviceFamily, Links, Role};
+use super::{Beside, DeviceFamily, Links, Role, as_a, unfit};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{Dial, Driver, Misfit, RigSpec, StageDriver};
+use crate::rig::spec::{Dial, Driver, LoadCellDriver, Misfit, RigSpec, RigWiring, StageDriver};
 use palpate_core::quantity::{Axis, StageAbilities};
 use palpate_document::{Bounds, Problem, Table, keys, with_nearest};
-use palpate_drivers::AnyStage;
-use palpate_drivers::ur::{RobotLinks, RobotSettings, TaughtFrame, Ur};
+use palpate_drivers::ur::{RobotLinks, RobotSettings, TaughtFrame, Ur, UrForce};
+use palpate_drivers::{AnyLoadCell, AnyStage};
+use palpate_link::device::DeviceError;
 use palpate_sim::emulator::{UrArm, UrEmulator};
 use palpate_sim::scene::{Scene, SceneDevice};
 use std::f64::consts::PI;
@@ -17,7 +18,7 @@ pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     meaning: "Universal Robots' arms: RTDE, programs, dashboard",
     simulated: "a UR5e with PolyScope 5",
     stage: Some(Role { words: &[], keys: stage::KEYS.always, links: Links::Stream, read: read_stage }),
-    load_cell: None,
+    load_cell: Some(Role { words: &[], keys: load_cell::KEYS.always, links: Links::Stream, read: read_load_cell }),
     array: None,
 };
 
@@ -30,11 +31,14 @@ const BASE: Bounds = Bounds::within(-2500.0, 2500.0, "mm");
 const ROTATION: Bounds = Bounds::within(-2.0 * PI, 2.0 * PI, "rad");
 const PATH_ERROR: Bounds = Bounds::within(0.02, 2.0, "mm");
 
-/// Default of `path_error_mm`: three times the repeatability of a UR5e.
-const PATH_ERROR_MM: f64 = 0.1;
+/// Default of `path_error_mm`: several times the repeatability of a UR5e (0.03 mm), for motions at speed.
+const PATH_ERROR_MM: f64 = 0.2;
 
 /// How late a program begins, s.
 const LATE_S: f64 = 0.1;
+
+/// Largest angle between the tool and the direction in which it presses, degrees.
+const LEAN_MOST_DEG: f64 = 30.0;
 
 /// Longest tool that the reach considers, mm.
 const TOOL_MM: f64 = 200.0;
@@ -48,11 +52,21 @@ keys! {
             "[[300.0, -200.0, 100.0], [400.0, -200.0, 100.0], [300.0, -100.0, 100.0]]";
         tool_rad: Numbers(ROTATION), Refused, "orientation of the tool in the base while it presses, as a rotation vector",
             "[0.0, 3.1416, 0.0]";
-        path_error_mm: Number(PATH_ERROR), or(PATH_ERROR_MM), "largest distance of the tip from its straight way", "0.1";
+        path_error_mm: Number(PATH_ERROR), or(PATH_ERROR_MM), "largest distance of the tip from its straight way", "0.2";
         program_port: Whole(1, 65535), or_whole(PROGRAM_PORT as u64), "port that takes programs", "30002";
         dashboard_port: Whole(1, 65535), or_whole(DASHBOARD_PORT as u64), "port of the dashboard", "29999";
     }
 }
+
+keys! {
+    /// `driver = { ur = ... }` of a load cell.
+    load_cell {
+        ur: Word(&["own force"]), Refused, "the robot's own force; the force limit must be ten times its error", "\"own force\"";
+    }
+}
+
+/// Least force limit for the robot's own force as the load cell, as a multiple of its error.
+const ERRORS_LEAST: f64 = 10.0;
 
 /// A model: its name, its reach, mm, and the error of its own force, N. Both are from its data sheet; a robot without a force sensor
 /// estimates the force.
@@ -137,10 +151,61 @@ impl Driver for UrStageSpec {
                 "narrow `travel_mm`, or teach a frame nearer to the base",
             ));
         }
+        let lean_deg = self.frame.lean_deg(rig.frame.down.sign());
+        if lean_deg > LEAN_MOST_DEG {
+            misfits.push(misfit(
+                format!("`tool_rad` points the tool {lean_deg:.0} degrees off `frame.down`, at most {LEAN_MOST_DEG} are allowed"),
+                "copy RX, RY and RZ while the tool points at the specimen, and the points in the order zero, x, y",
+            ));
+        }
         if rig.drag.is_some() {
             misfits.push(misfit("an arm isn't stopped in time during a drag".to_owned(), "remove `drag` of [limits]"));
         }
         misfits
+    }
+}
+
+#[derive(Debug)]
+struct UrLoadCellSpec;
+
+fn read_load_cell(table: &Table, _: Beside) -> Option<Arc<dyn LoadCellDriver>> {
+    table.word(&load_cell::ur, &[("own force", ())])?;
+    Some(Arc::new(UrLoadCellSpec))
+}
+
+impl Driver for UrLoadCellSpec {
+    fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
+        let misfit = |text: String, help| vec![Misfit { role: SceneDevice::LoadCell, text, help: Some(help) }];
+        let Some(arm) = as_a::<UrStageSpec>(&*rig.stage.driver).filter(|_| rig.stage.link == rig.load_cell.link) else {
+            let help = "write the stage's `driver = { ur = ... }` and the same `link`";
+            return misfit("the robot's own force is of another robot than the stage".to_owned(), help);
+        };
+        let least_n = ERRORS_LEAST * arm.force_error_n;
+        if rig.limits.force_n >= least_n {
+            return Vec::new();
+        }
+        let (error_n, limit_n) = (arm.force_error_n, rig.limits.force_n);
+        misfit(
+            format!(
+                "a {}'s own force has an error of {error_n} N: it measures nothing under a limit of {least_n} N, and the limit is {limit_n} N",
+                arm.model
+            ),
+            "mount a load cell; the robot's own force only guards",
+        )
+    }
+}
+
+impl LoadCellDriver for UrLoadCellSpec {
+    fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyLoadCell, DeviceError> {
+        let rig = wiring.rig;
+        let arm = as_a::<UrStageSpec>(&*rig.stage.driver).ok_or_else(|| unfit("load cell", "ur"))?;
+        let away = -rig.frame.down.sign();
+        let link = rig.load_cell.link.to_string();
+        Ok(AnyLoadCell::Ur(UrForce::new(dial.link(), arm.frame.clone(), away, link, wiring.origin)))
+    }
+
+    fn emulated(&self, _: &RigSpec, stage: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
+        Ok(stage.clone())
     }
 }
 
@@ -151,6 +216,7 @@ impl StageDriver for UrStageSpec {
             frame: self.frame.clone(),
             path_error_mm: self.path_error_mm,
             guard_n: rig.limits.force_n + 2.0 * self.force_error_n,
+            model: self.model.to_owned(),
         };
         let links = RobotLinks { rtde: dial.link(), programs, dashboard };
         AnyStage::Ur(Box::new(Ur::new(links, settings, rig.stage.link.to_string())))

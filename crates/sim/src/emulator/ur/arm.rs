@@ -21,7 +21,7 @@ pub struct UrArm {
     pub model: String,
     /// Serial number.
     pub serial: String,
-    /// Largest error of each component of the reported force, N: a constant offset and a slow wave.
+    /// Error of each component of the reported force, N: a constant offset, a drift over minutes, and noise of a fiftieth.
     pub force_error_n: f64,
     /// Faults.
     pub faults: Vec<UrFault>,
@@ -70,7 +70,10 @@ impl UrArm {
     /// Error of a component of the reported force, N.
     fn error_n(&self, component: usize, at_s: f64) -> f64 {
         let phase = component as f64;
-        self.force_error_n * (0.5 * (1.0 + 2.0 * phase).cos() + 0.5 * (at_s / (7.0 + 2.0 * phase) + phase).sin())
+        let (offset, drift) = ((1.0 + 2.0 * phase).cos(), (at_s / (700.0 + 200.0 * phase) + phase).sin());
+        // the digits that a large factor brings to the front are as good as random
+        let noise = ((at_s + phase).sin() * 43_758.545_3).rem_euclid(1.0) - 0.5;
+        self.force_error_n * (0.5 * offset + 0.5 * drift + 0.07 * noise)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::motion::Path;
 use super::robot::{EARLY_S, Robot, Runtime, Safety};
-use super::script::{Pose, Step};
+use super::script::{Condition, Pose, Step};
 use super::turn::{Turn, norm};
 use crate::scene::Scene;
 use palpate_core::quantity::Axis;
@@ -67,8 +67,12 @@ impl Robot {
     fn step(&mut self, scene: &mut Scene, now_s: f64) {
         while let Some(step) = self.steps.pop() {
             match step {
-                Step::If { within, pose, yes, no } => {
-                    let chosen = if self.reaches(pose) == within { yes } else { no };
+                Step::If { wanted, condition, yes, no } => {
+                    let is_so = match condition {
+                        Condition::Within(pose) => self.reaches(pose),
+                        Condition::Below(register, limit) => self.registers[register] < limit,
+                    };
+                    let chosen = if is_so == wanted { yes } else { no };
                     self.steps.extend(chosen.into_iter().rev());
                 }
                 Step::Write(register, value) => self.registers[register] = value,

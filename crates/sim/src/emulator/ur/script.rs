@@ -14,8 +14,17 @@ pub(super) enum Step {
     Sleep(f64),
     /// Number of an integer register below 48, and its value.
     Write(usize, i32),
-    /// Chooses by whether a pose is within the safety limits, or not, as `within` says.
-    If { within: bool, pose: Pose, yes: Vec<Step>, no: Vec<Step> },
+    /// Chooses by whether a condition is as `wanted` says.
+    If { wanted: bool, condition: Condition, yes: Vec<Step>, no: Vec<Step> },
+}
+
+/// Condition of an `if`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Condition {
+    /// A pose is within the safety limits.
+    Within(Pose),
+    /// An integer register is below a number.
+    Below(usize, i32),
 }
 
 /// Takes the lines of the next whole program from the front. Blocks are counted, since indentation has no meaning.
@@ -58,24 +67,28 @@ fn read_block<'a>(lines: &mut impl Iterator<Item = &'a str>) -> Option<(Vec<Step
             steps.push(read_statement(line)?);
             continue;
         };
-        let (within, pose) = read_condition(condition.strip_suffix(':')?)?;
+        let (wanted, condition) = read_condition(condition.strip_suffix(':')?)?;
         let (yes, end) = read_block(lines)?;
         let no = if end == "end" { Vec::new() } else { read_block(lines).filter(|(_, end)| *end == "end")?.0 };
-        steps.push(Step::If { within, pose, yes, no });
+        steps.push(Step::If { wanted, condition, yes, no });
     }
 }
 
-/// Reads whether a pose must be within the safety limits, and the pose.
-fn read_condition(text: &str) -> Option<(bool, Pose)> {
-    let (mut text, mut within) = (text.trim(), true);
+/// Reads a condition, and whether it or its opposite is wanted.
+fn read_condition(text: &str) -> Option<(bool, Condition)> {
+    let (mut text, mut wanted) = (text.trim(), true);
     loop {
-        if let Some(inner) = text.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) {
+        if let Some((read, limit)) = text.split_once('<') {
+            let list = read.trim_matches(['(', ' ']).strip_prefix("read_output_integer_register")?;
+            let register = arguments(list, ["address"])?[0]?.parse().ok().filter(|&register| register < 48)?;
+            return Some((wanted, Condition::Below(register, number(limit.trim_matches([')', ' ']))? as i32)));
+        } else if let Some(inner) = text.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) {
             text = inner.trim();
         } else if let Some(inner) = text.strip_prefix("not").filter(|rest| rest.starts_with([' ', '('])) {
-            (text, within) = (inner.trim(), !within);
+            (text, wanted) = (inner.trim(), !wanted);
         } else {
             let list = text.strip_prefix("is_within_safety_limits")?;
-            return Some((within, read_pose(arguments(list, ["pose"])?[0]?)?));
+            return Some((wanted, Condition::Within(read_pose(arguments(list, ["pose"])?[0]?)?)));
         }
     }
 }
