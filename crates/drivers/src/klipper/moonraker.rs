@@ -1,7 +1,7 @@
 //! Requests to Moonraker: JSON-RPC 2.0 in the bodies of HTTP/1.1.
 
 use palpate_link::device::{DeviceError, DeviceProblem};
-use palpate_link::time::{Instant, timeout_at};
+use palpate_link::time::{Instant, timeout, timeout_at};
 use palpate_link::wire::{ByteStream, Connector, silent};
 use serde_json::{Value, json};
 use std::time::Duration;
@@ -56,6 +56,7 @@ impl Moonraker {
             body.len()
         );
         let until = Instant::now() + ANSWER_DEADLINE;
+        self.forget_closed().await;
         let written = async {
             let stream = match &mut self.stream {
                 Some(stream) => stream,
@@ -71,6 +72,17 @@ impl Moonraker {
             Ok(Ok(())) => Ok(()),
             Ok(Err(error)) => Err(self.failed(doing, &format!("the link failed: {error}"))),
             Err(_) => Err(self.failed(doing, &silent(method, ANSWER_DEADLINE).to_string())),
+        }
+    }
+
+    /// Forgets a connection that the other end closed meanwhile: a proxy does after a minute.
+    async fn forget_closed(&mut self) {
+        let Some(stream) = self.stream.as_mut() else { return };
+        let mut chunk = [0; 1024];
+        match timeout(Duration::ZERO, stream.read(&mut chunk)).await {
+            Ok(Ok(count @ 1..)) => self.inbox.extend_from_slice(&chunk[..count]),
+            Ok(_) => self.close(),
+            Err(_) => {}
         }
     }
 
@@ -97,6 +109,9 @@ impl Moonraker {
             }
             let message = answer.get("error").and_then(|error| error.get("message"));
             let text = message.and_then(Value::as_str).map_or_else(|| format!("{answer:?}"), str::to_owned);
+            if answer.get("error").and_then(|error| error["code"].as_i64()).is_some_and(|code| code >= 500) {
+                return Err(self.failed(doing, &format!("Moonraker has lost its printer: {text}")));
+            }
             return Err(self.error(doing, DeviceProblem::Refused(text)));
         }
     }
@@ -129,9 +144,12 @@ impl Moonraker {
                 Ok(Err(error)) => return Err(self.failed(doing, &format!("the link failed: {error}"))),
                 Err(_) => {
                     let waited = ANSWER_DEADLINE.as_millis();
-                    return Err(
-                        self.failed(doing, &format!("no answer to {asked:?} within {waited} ms after it was due"))
-                    );
+                    return Err(self.failed(
+                        doing,
+                        &format!(
+                            "no answer to {asked:?} within {waited} ms after it was due; what was sent may still move"
+                        ),
+                    ));
                 }
             }
         }

@@ -33,10 +33,16 @@ pub struct Klipper {
     usage: Option<StageUse>,
     /// Step of x, y and z, mm.
     step_mm: [f64; 3],
+    /// Commands that switch the motors on.
+    steppers: String,
     /// Where the zero of the rig's axes is in the printer's coordinates, mm.
     zero_mm: [f64; 3],
-    /// Where the axes were sent, or where they are after a doubt, mm.
-    at_mm: [f64; 3],
+    /// Where the axes were sent, mm; `None` after a motion that was refused or in doubt.
+    at_mm: Option<[f64; 3]>,
+    /// How long the last motion takes.
+    takes: Duration,
+    /// What each motion sets first, so that nothing that somebody else set changes it.
+    setup: String,
     /// Where the axes were when the printer was identified, mm; `None` if it didn't know.
     first_mm: Option<[f64; 3]>,
     under_way: UnderWay,
@@ -59,6 +65,8 @@ struct Report {
     at_mm: [f64; 3],
     /// Where they were sent, mm.
     ends_mm: [f64; 3],
+    /// What G-code calls that place, minus it, mm: G92, an offset, a mesh or a correction of skew.
+    shift_mm: [f64; 3],
     /// Whether it knows the position of all axes.
     is_known: bool,
 }
@@ -71,8 +79,11 @@ impl Klipper {
             link,
             usage: None,
             step_mm: [f64::NAN; 3],
+            steppers: String::new(),
             zero_mm: [0.0; 3],
-            at_mm: [0.0; 3],
+            at_mm: None,
+            takes: Duration::ZERO,
+            setup: String::new(),
             first_mm: None,
             under_way: UnderWay::Nothing,
         }
@@ -97,16 +108,17 @@ impl Klipper {
             let number = |key: &str| stepper[key].as_f64().filter(|number| *number > 0.0);
             let (turn_mm, microsteps) = (number("rotation_distance"), number("microsteps"));
             let full = number("full_steps_per_rotation").unwrap_or(200.0);
-            let geared = stepper["gear_ratio"].as_array().is_some_and(|ratios| !ratios.is_empty());
-            let step_mm = match (turn_mm, microsteps) {
-                (Some(turn_mm), Some(microsteps)) if !geared => turn_mm / (full * microsteps),
-                _ => {
-                    let text = format!(
-                        "[stepper_{name}] has no `rotation_distance` and `microsteps`, or a `gear_ratio`: its step isn't known"
-                    );
-                    return Err(self.mismatch(doing, text));
-                }
+            let ratio = |pair: &Value| Some(pair[0].as_f64()? / pair[1].as_f64()?);
+            let gears: Option<f64> = match stepper["gear_ratio"].as_array() {
+                Some(pairs) => pairs.iter().map(ratio).product(),
+                None => Some(1.0),
             };
+            let (Some(turn_mm), Some(microsteps), Some(gears)) = (turn_mm, microsteps, gears) else {
+                let text =
+                    format!("[stepper_{name}] has no `rotation_distance` and `microsteps`: its step isn't known");
+                return Err(self.mismatch(doing, text));
+            };
+            let step_mm = turn_mm / (full * microsteps * gears);
             let stated_mm = usage.steps.along(axis);
             if stated_mm > 0.0 && (stated_mm / step_mm - 1.0).abs() > STEP_DIFFERENCE
                 || stated_mm == 0.0 && step_mm / 2.0 > usage.steps.in_position_mm(axis)
@@ -120,6 +132,9 @@ impl Klipper {
             self.step_mm[axis.index()] = step_mm;
             self.zero_mm[axis.index()] = self.zero_of(doing, axis, stepper, usage)?;
         }
+        let steppers =
+            settings.as_object().into_iter().flat_map(|all| all.keys()).filter(|key| key.starts_with("stepper_"));
+        self.steppers = steppers.map(|name| format!("SET_STEPPER_ENABLE STEPPER={name} ENABLE=1\n")).collect();
         let printer = &settings["printer"];
         let all = [("max_velocity", usage.speed_mm_s), ("max_accel", usage.acceleration_mm_s2)];
         let z = [("max_z_velocity", usage.speed_mm_s), ("max_z_accel", usage.acceleration_mm_s2)];
@@ -153,7 +168,7 @@ impl Klipper {
     async fn report(&mut self, doing: &str) -> Result<Report, DeviceError> {
         let asked = json!({ "objects": {
             "toolhead": ["position", "homed_axes"], "motion_report": ["live_position"],
-            "gcode_move": ["gcode_position", "absolute_coordinates", "speed_factor"], "webhooks": ["state", "state_message"]
+"gcode_move": ["gcode_position"], "webhooks": ["state", "state_message"]
         } });
         let answer = self.moonraker.ask(doing, "printer.objects.query", asked).await?;
         let status = &answer["status"];
@@ -166,20 +181,16 @@ impl Klipper {
         let (live, sent) = (three(&status["motion_report"]["live_position"]), three(&status["toolhead"]["position"]));
         let homed = status["toolhead"]["homed_axes"].as_str().unwrap_or_default();
         let is_known = Axis::ALL.iter().all(|axis| homed.contains(axis.name()));
-        let (gcode, by_gcode) = (&status["gcode_move"], three(&status["gcode_move"]["gcode_position"]));
-        // an offset, a mesh, G91 or M220 of somebody else would send the next motion elsewhere, or faster
-        let same = sent.zip(by_gcode).is_some_and(|(sent, by_gcode)| {
-            sent.iter().zip(by_gcode).all(|(sent_mm, gcode_mm)| (sent_mm - gcode_mm).abs() < REPORT_ROUNDING_MM)
-        });
-        let is_plain = gcode["absolute_coordinates"] == json!(true) && gcode["speed_factor"].as_f64() == Some(1.0);
-        match live.zip(sent) {
-            Some(_) if !same || !is_plain => {
-                let text = format!("its G-code coordinates or its speed factor aren't its own any more: {gcode}");
-                Err(self.motion(doing, text))
+        let by_gcode = three(&status["gcode_move"]["gcode_position"]);
+        match live.zip(sent).zip(by_gcode) {
+            Some(((at_mm, ends_mm), by_gcode)) => {
+                let shift_mm = std::array::from_fn(|axis| by_gcode[axis] - ends_mm[axis]);
+                Ok(Report { at_mm: own(at_mm), ends_mm: own(ends_mm), shift_mm, is_known })
             }
-            Some((at_mm, ends_mm)) => Ok(Report { at_mm: own(at_mm), ends_mm: own(ends_mm), is_known }),
             None => {
-                let expected = "`live_position` of motion_report and `position` of toolhead".to_owned();
+                let expected =
+                    "`live_position` of motion_report, `position` of toolhead and `gcode_position` of gcode_move"
+                        .to_owned();
                 let problem = DeviceProblem::Misfit { answer: status.to_string(), expected };
                 Err(self.moonraker.error(doing, problem))
             }
@@ -204,16 +215,23 @@ impl Klipper {
             UnderWay::Nothing => {}
             UnderWay::Motion => {
                 self.under_way = UnderWay::Doubt;
-                let answer = self.moonraker.answer(doing, "a motion and M400", expected + MOTION_MARGIN).await;
-                if !matches!(&answer, Err(error) if matches!(error.problem, DeviceProblem::Link(_))) {
-                    self.under_way = UnderWay::Nothing; // also a motion that was refused
+                let answer =
+                    self.moonraker.answer(doing, "a motion and M400", expected.max(self.takes) + MOTION_MARGIN).await;
+                match &answer {
+                    Ok(_) => self.under_way = UnderWay::Nothing,
+                    Err(error) => {
+                        self.at_mm = None;
+                        if matches!(error.problem, DeviceProblem::Refused(_)) {
+                            self.under_way = UnderWay::Nothing;
+                        }
+                    }
                 }
                 answer?;
             }
             UnderWay::Doubt => {
                 // scripts run one after another: this one ends after the one whose answer was lost
-                self.moonraker.run(doing, "M400", expected + MOTION_MARGIN).await?;
-                self.under_way = UnderWay::Nothing;
+                self.moonraker.run(doing, "M400", expected.max(self.takes) + MOTION_MARGIN).await?;
+                (self.under_way, self.at_mm) = (UnderWay::Nothing, None);
             }
         }
         let mut report = self.report(doing).await?;
@@ -241,36 +259,76 @@ impl Klipper {
                 return Err(self.motion(doing, text));
             }
         }
-        self.at_mm = report.ends_mm;
-        Ok(report.at_mm)
+        let checked = self.check_sent(doing, &report);
+        self.at_mm = checked.is_ok().then_some(report.ends_mm); // the way out stays open
+        checked.map(|()| report.at_mm)
+    }
+
+    /// Checks that the axes were sent by nobody else.
+    fn check_sent(&self, doing: &str, report: &Report) -> Result<(), DeviceError> {
+        let Some(at_mm) = self.at_mm else { return Ok(()) };
+        match Axis::ALL.into_iter().find(|axis| !self.is_same(*axis, at_mm[axis.index()], report.ends_mm[axis.index()]))
+        {
+            None => Ok(()),
+            Some(axis) => {
+                let (name, sent_mm, is_mm) = (axis.name(), at_mm[axis.index()], report.ends_mm[axis.index()]);
+                let text =
+                    format!("{name} was sent to {sent_mm:.4} mm but is at {is_mm:.4} mm: something else moved it");
+                Err(self.motion(doing, text))
+            }
+        }
+    }
+
+    fn is_same(&self, axis: Axis, one_mm: f64, other_mm: f64) -> bool {
+        (one_mm - other_mm).abs() <= self.step_mm[axis.index()] / 2.0 + REPORT_ROUNDING_MM
     }
 
     /// Returns an axis whose motor isn't where it was sent.
     fn off(&self, report: &Report) -> Option<Axis> {
-        Axis::ALL.into_iter().find(|axis| {
-            let nth = axis.index();
-            (report.at_mm[nth] - report.ends_mm[nth]).abs() > self.step_mm[nth] / 2.0 + REPORT_ROUNDING_MM
-        })
+        Axis::ALL
+            .into_iter()
+            .find(|axis| !self.is_same(*axis, report.at_mm[axis.index()], report.ends_mm[axis.index()]))
     }
 
-    /// Sends a motion to whole steps.
-    async fn send_motion(&mut self, doing: &str, to_mm: [f64; 3], speed_mm_s: f64) -> Result<(), DeviceError> {
-        let way_mm: [f64; 3] = std::array::from_fn(|axis| to_mm[axis] - self.at_mm[axis]);
+    /// Sends a motion to whole steps, from where the axes are. `away` is the direction of z away from the specimen: nothing that somebody else
+    /// set prevents a motion there.
+    async fn send_motion(
+        &mut self,
+        doing: &str,
+        targets: &[(Axis, f64)],
+        (speed_mm_s, away): (f64, f64),
+    ) -> Result<(), DeviceError> {
+        let report = self.report(doing).await?;
+        let from_mm = report.ends_mm;
+        let mut to_mm = from_mm;
+        for (axis, target_mm) in targets {
+            to_mm[axis.index()] = self.in_steps(*axis, *target_mm);
+        }
+        let way_mm: [f64; 3] = std::array::from_fn(|axis| to_mm[axis] - from_mm[axis]);
+        let is_leaving = way_mm[0] == 0.0 && way_mm[1] == 0.0 && way_mm[2] * away > 0.0;
+        if !is_leaving {
+            self.check_sent(doing, &report)?;
+            if report.shift_mm.iter().any(|shift| shift.abs() > REPORT_ROUNDING_MM) {
+                let text = "its G-code coordinates were shifted by somebody else (G92, an offset, a bed mesh, a correction of skew or of tilt)";
+                return Err(self.motion(doing, text.to_owned()));
+            }
+        }
         let longest_mm = way_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
         if longest_mm == 0.0 {
             return Ok(());
         }
         let whole_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
         let words = Axis::ALL.into_iter().filter(|axis| way_mm[axis.index()] != 0.0).map(|axis| {
-            format!("{}{:.6} ", axis.name().to_uppercase(), self.zero_mm[axis.index()] + to_mm[axis.index()])
+            let nth = axis.index();
+            format!("{}{:.6} ", axis.name().to_uppercase(), self.zero_mm[nth] + to_mm[nth] + report.shift_mm[nth])
         });
         // the feed is along the path; no axis is faster than the speed
         let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
-        let script = format!("G1 {}F{feed_mm_min:.3}\nM400", words.collect::<String>());
+        let script = format!("{}G1 {}F{feed_mm_min:.3}\nM400", self.setup, words.collect::<String>());
         self.under_way = UnderWay::Doubt;
+        self.takes = seconds(longest_mm / speed_mm_s);
         self.moonraker.begin(doing, &script).await?;
-        self.under_way = UnderWay::Motion;
-        self.at_mm = to_mm;
+        (self.under_way, self.at_mm) = (UnderWay::Motion, Some(to_mm));
         Ok(())
     }
 
@@ -290,11 +348,18 @@ impl Stage for Klipper {
         let text = |key: &str| info[key].as_str().unwrap_or("unknown").to_owned();
         let identity = format!("Klipper {} on {}", text("software_version"), text("hostname"));
         self.read_settings(usage).await?;
-        // motors stay on, no bed mesh (z would follow x and y), no offset, the whole feed, absolute mm, the rig's acceleration
+        let asked = json!({ "objects": { "print_stats": ["state"] } });
+        let answer = self.moonraker.ask(doing, "printer.objects.query", asked).await?;
+        if let Some(state @ ("printing" | "paused")) = answer["status"]["print_stats"]["state"].as_str() {
+            return Err(self.mismatch(doing, format!("it is {state} a job: nothing was changed")));
+        }
+        // the rig's acceleration, the whole feed, no bed mesh (z would follow x and y), absolute mm
         let acceleration = usage.acceleration_mm_s2;
+        self.setup = format!("BED_MESH_CLEAR\nSET_VELOCITY_LIMIT ACCEL={acceleration}\nM220 S100\nG90\n");
+        // motors on, so that nothing moves by hand any more, and no idle time
         let script = format!(
-            "SET_IDLE_TIMEOUT TIMEOUT=86400\nBED_MESH_CLEAR\nSET_GCODE_OFFSET X=0 Y=0 Z=0\nM220 S100\nG90\n\
-             SET_VELOCITY_LIMIT ACCEL={acceleration}\nM400"
+            "{}SET_IDLE_TIMEOUT TIMEOUT=86400\nSET_GCODE_OFFSET X=0 Y=0 Z=0\n{}M400",
+            self.steppers, self.setup
         );
         self.moonraker.run(doing, &script, MOTION_MARGIN).await?;
         let report = self.report(doing).await?;
@@ -304,7 +369,12 @@ impl Stage for Klipper {
             let [x, y, z] = self.zero_mm;
             let script = format!("SET_KINEMATIC_POSITION X={x:.6} Y={y:.6} Z={z:.6}\nM400");
             self.moonraker.run(doing, &script, Duration::ZERO).await?;
+            if !self.report(doing).await?.is_known {
+                let text = "it doesn't know SET_KINEMATIC_POSITION: add [force_move] with `enable_force_move: True` to its printer.cfg";
+                return Err(self.mismatch(doing, text.to_owned()));
+            }
         }
+        self.at_mm = None;
         self.read_back(doing, Duration::ZERO).await?;
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings: Vec::new() })
     }
@@ -318,9 +388,9 @@ impl Stage for Klipper {
             if orders.stopped() {
                 break;
             }
-            let mut to_mm = self.at_mm;
-            to_mm[z] += usage.away * piece_mm;
-            self.send_motion(doing, to_mm, usage.home_speed_mm_s).await?;
+            let at_mm = self.report(doing).await?.ends_mm[z];
+            let target = [(Axis::Z, at_mm + usage.away * piece_mm)];
+            self.send_motion(doing, &target, (usage.home_speed_mm_s, usage.away)).await?;
             self.read_back(doing, seconds(piece_mm / usage.home_speed_mm_s)).await?;
         }
         Ok(true)
@@ -357,18 +427,16 @@ impl Stage for Klipper {
         if self.under_way != UnderWay::Nothing {
             self.read_back(doing, Duration::ZERO).await?;
         }
-        let mut to_mm = self.at_mm;
         for (axis, target_mm) in targets {
             if !usage.travel.along(*axis).contains(*target_mm) {
                 let text = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
                 return Err(self.motion(doing, text));
             }
-            to_mm[axis.index()] = self.in_steps(*axis, *target_mm);
         }
         if orders.stopped() {
             return Ok(());
         }
-        self.send_motion(doing, to_mm, speed_mm_s).await
+        self.send_motion(doing, targets, (speed_mm_s, usage.away)).await
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, _: &MotionOrders) -> Result<Vec<f64>, DeviceError> {
