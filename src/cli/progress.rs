@@ -3,6 +3,7 @@
 use super::check_weight;
 use super::signals::{forget_typed, go_on_at_enter, is_attended};
 use super::summary;
+use super::tables::filled;
 use crate::api::Failure;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use palpate_core::parallel::lock;
@@ -154,7 +155,7 @@ impl Listener for Progress<'_> {
             for warning in &device.warnings {
                 let line = format!("warning: {}: {warning}", device.role);
                 if self.warned.is_none_or(|warned| warned.borrow_mut().insert(line.clone())) {
-                    self.line(&line);
+                    filled(&line, "  ").lines().for_each(|line| self.line(line));
                 }
             }
         }

@@ -13,7 +13,14 @@ fn every_recipe_can_be_run_on_every_rig() {
     for recipe in &recipes {
         for rig in &rigs {
             let output = bench.palpate_ends(0, &format!("check {recipe} --rig {rig}"));
-            assert!(output.out.contains("largest force") && output.err.is_empty(), "{recipe} on {rig}: {output:?}");
+            // an arm is too coarse for the recipe that asks for 10 mN
+            let is_coarse = recipe.ends_with("bench.toml") && rig.ends_with("ur.toml");
+            assert_eq!(
+                output.err.contains("the force tolerance is 0.01 N"),
+                is_coarse,
+                "{recipe} on {rig}: {output:?}"
+            );
+            assert!(output.out.contains("largest force") && (is_coarse || output.err.is_empty()), "{output:?}");
         }
     }
 }

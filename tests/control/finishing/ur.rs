@@ -2,12 +2,14 @@
 
 use super::{Finishing, Wrong};
 use palpate_core::quantity::StageCertificate;
-use palpate_run::rig::{RigSpec, SimulatedRig};
+use palpate_run::rig::{self, RigSpec, SimulatedRig};
 use palpate_sim::emulator::UrFaultKind::{
     EmergencyStop, LocalControl, PowerOff, ProtectiveStop, RtdeLost, RtdeSilent, Sideways, SpeedSlider, Tilt,
 };
 use palpate_sim::emulator::{UrArm, UrEmulator, UrFault, UrFaultKind};
-use palpate_testing::executions::{Deaths, executed_with};
+use palpate_sim::scene::ContactLaw;
+use palpate_testing::executions::{Deaths, executed_with, plan};
+use palpate_testing::{exchanged, shipped_text};
 use std::sync::{Arc, Mutex};
 
 const ARM: Finishing<UrFaultKind> = Finishing {
@@ -92,4 +94,28 @@ fn a_depth_is_as_uncertain_as_the_arm_is_soft() {
     let u_mm = spec.u_depth_mm(0.01, 1.0).expect("all is stated");
     let bent_mm = (1f64 / 400.0).hypot(1.0 / 20.0) / 3f64.sqrt();
     assert!((u_mm - 0.01f64.hypot(0.01).hypot(bent_mm)).abs() < 1e-9, "{u_mm} mm");
+}
+
+/// Where the limit is ten times its error, the arm's own force is the load cell.
+#[test]
+fn the_arms_own_force_presses_within_its_error() {
+    let text = shipped_text("rigs/ur.toml");
+    let text = exchanged(&text, "driver = { modbus = \"generic-rs485\" }", "driver = { ur = \"own force\" }");
+    let text = exchanged(&text, "serial:///dev/ttyUSB0?baud=115200", "tcp://192.168.1.20:30004");
+    let text = exchanged(&text, "force_n = 2.0", "force_n = 50.0");
+    let text = exchanged(&text, "depth_mm = 1.6", "depth_mm = 6.0");
+    let text = exchanged(&text, "stiffness_n_mm = 2.0", "stiffness_n_mm = 12.0");
+    let text = exchanged(&text, "z = [-2.0, 20.0]", "z = [-7.0, 12.0]");
+    let spec = rig::parse("ur.toml", &text, &|_| unreachable!("no map of its own")).expect("a rig");
+    let mut spec = spec.simulated();
+    spec.scene.contact = ContactLaw { linear_n_mm: 8.0, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
+    spec.scene.relaxation.clear();
+    let recipe = "name = \"own\"\n[press]\nforce_tolerance_n = 2.0\n[[step]]\nphase = \"calibration\"\nforce_n = 20.0\n\
+                  grid = { x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], spacing_mm = 2.0 }\n";
+    let executed = executed_with(&spec, &plan(&spec, recipe, 1), Deaths::Ignored, &|_| {});
+    assert!(executed.ending.halt.is_none(), "{:?}", executed.ending.text());
+    for contact in executed.ledger.contacts() {
+        let off_n = contact.truth[0].force_true_n - 20.0;
+        assert!(off_n.abs() < 4.0, "{off_n} N off");
+    }
 }

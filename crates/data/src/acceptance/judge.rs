@@ -357,7 +357,7 @@ fn unknown_truth(figure: LimitedFigure) -> String {
             "the uncertainty of the depths isn't known (`certificate` in [stage]; `stiffness_n_mm` of the load cell and of an arm); a simple \
              rule doesn't need it".to_owned()
         }
-        _ => "the uncertainty of the forces isn't known (`certificate` in [load_cell] of the rig)".to_owned(),
+        _ => "the uncertainty of the forces isn't known (`certificate` in [load_cell] of the rig, or `palpate doctor --check-weight-n`)".to_owned(),
     }
 }
 

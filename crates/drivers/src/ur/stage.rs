@@ -184,8 +184,8 @@ impl Ur {
             (NORMAL | REDUCED, RUNNING) if is_leaving => return Ok(()),
             (NORMAL | REDUCED, RUNNING) => return self.check_way(doing, state),
             (PROTECTIVE_STOP, _) => "it is in a protective stop and stays where it is: its tip may still press on the specimen. Find the \
-                                     cause, stop the paused program, move the tip away by hand (Freedrive), then unlock the stop on the \
-                                     pendant; palpate never unlocks it"
+                                     cause, stop the paused program and unlock the stop on the pendant, and move the tip away by hand \
+                                     (Freedrive); palpate never unlocks it"
                 .to_owned(),
             (NORMAL | REDUCED, mode) => {
                 format!("its robot mode is {mode}, not 7 (running): switch it on and release its brakes on the pendant")

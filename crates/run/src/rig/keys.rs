@@ -71,7 +71,7 @@ keys! {
             "smallest steps of a coarse stage, such as a printer; without it, they are too fine to matter (under 3 um)";
         home: Word(&words(&HOMES)), or_word("switches"),
             "how its position becomes known at each start: by its own switches, or by a person who brings it to the zero of `travel_mm` \
-             (GRBL without switches)", "\"by hand\"";
+             (GRBL without switches, Marlin, Klipper)", "\"by hand\"";
         home_side: Word(&words(&HOME_SIDES)), or_word("away"),
             "end of z at which it homes; `toward` (a program only) is on the specimen's side, as on most printers: a person confirms \
              before each search that nothing is in the way", "\"toward\"";

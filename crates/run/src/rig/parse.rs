@@ -127,11 +127,6 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         let text = "this stage finds its position itself: `home = \"by hand\"` is for GRBL without switches, Marlin and Klipper";
         table.complain(Problem::new(table.span_of(&stage::home), text).help("remove `home`"));
     }
-    if driver.abilities().finishes() && !driver.knows_home() && home.is_some_and(|home| home != Home::ByHand) {
-        let text = "this stage can't be stopped while it searches for home";
-        let help = "write `home = \"by hand\"`: a person brings the axes to the rig's zero";
-        table.complain(Problem::new(table.span_of(&stage::driver), text).help(help));
-    }
     let [speed_mm_s, acceleration_mm_s2, approach_mm_s, settle_ms] = numbers?;
     Some(StageSpec {
         driver,

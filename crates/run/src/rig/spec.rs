@@ -401,11 +401,6 @@ pub trait StageDriver: Driver {
         StageAbilities::FULL
     }
 
-    /// Whether it knows its position at any time, so that it never searches for home.
-    fn knows_home(&self) -> bool {
-        false
-    }
-
     /// Whether it gives way under a force as an arm does, so that its position isn't that of the tip.
     fn bends(&self) -> bool {
         false

@@ -120,10 +120,6 @@ impl StageDriver for UserStage {
         self.abilities
     }
 
-    fn knows_home(&self) -> bool {
-        true // its program refuses what it can't do
-    }
-
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice {
         let StageSpec { steps, travel, .. } = rig.stage;
         // nobody takes a simulated specimen away for a search toward it

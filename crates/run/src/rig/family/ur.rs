@@ -249,8 +249,4 @@ impl StageDriver for UrStageSpec {
     fn bends(&self) -> bool {
         true
     }
-
-    fn knows_home(&self) -> bool {
-        true
-    }
 }
