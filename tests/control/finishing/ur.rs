@@ -10,6 +10,7 @@ use palpate_sim::emulator::{UrArm, UrEmulator, UrFault, UrFaultKind};
 use palpate_sim::scene::ContactLaw;
 use palpate_testing::executions::{Deaths, executed_with, plan};
 use palpate_testing::{exchanged, shipped_text};
+use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
 
 const ARM: Finishing<UrFaultKind> = Finishing {
@@ -33,7 +34,7 @@ const ARM: Finishing<UrFaultKind> = Finishing {
 };
 
 fn install(_: &RigSpec, rig: &mut SimulatedRig, from_s: f64, kind: UrFaultKind) {
-    let arm = UrArm { rotvec_rad: [0.0, 3.1416, 0.0], faults: vec![UrFault { from_s, kind }], ..UrArm::default() };
+    let arm = UrArm { rotvec_rad: [0.0, PI, 0.0], faults: vec![UrFault { from_s, kind }], ..UrArm::default() };
     let stage = UrEmulator::new(arm, &rig.scene.lock().expect("nobody else has it"));
     rig.stage.replace(Arc::new(Mutex::new(stage)));
 }

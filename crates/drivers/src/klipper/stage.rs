@@ -155,7 +155,7 @@ impl Klipper {
         let (name, travel) = (axis.name(), usage.travel.along(axis));
         let end = |key: &str| stepper[key].as_f64();
         let (min_mm, max_mm) = (end("position_min").unwrap_or(0.0), end("position_max").unwrap_or(f64::NAN));
-        if !(travel.max - travel.min <= max_mm - min_mm) {
+        if max_mm.is_nan() || travel.max - travel.min > max_mm - min_mm {
             let text = format!(
                 "{name} goes from {min_mm} to {max_mm} mm by [stepper_{name}], and the rig's travel has {} mm",
                 travel.max - travel.min
