@@ -45,6 +45,7 @@ impl Default for FakePrinter {
 }
 
 type Fake = Arc<Mutex<FakePrinter>>;
+type Change = fn(&mut FakePrinter);
 
 impl FakePrinter {
     fn answer(&mut self, method: &str, params: &Value) -> Value {
@@ -180,7 +181,7 @@ async fn each_motion_is_one_script_that_sets_what_it_needs() {
 
 #[tokio::test(start_paused = true)]
 async fn what_somebody_else_changed_stops_a_motion_but_not_the_way_out() {
-    let cases: [(fn(&mut FakePrinter), &str); 2] = [
+    let cases: [(Change, &str); 2] = [
         (|fake| fake.at_mm[0] += 10.0, "x was sent to 0.0000 mm but is at 10.0000 mm: something else moved it"),
         (|fake| fake.shift_mm = 0.5, "its G-code coordinates were shifted by somebody else"),
     ];
@@ -197,7 +198,7 @@ async fn what_somebody_else_changed_stops_a_motion_but_not_the_way_out() {
 
 #[tokio::test(start_paused = true)]
 async fn a_printer_that_may_not_be_used_is_refused_and_left_alone() {
-    let cases: [(fn(&mut FakePrinter), &str, usize); 4] = [
+    let cases: [(Change, &str, usize); 4] = [
         (|fake| fake.job = "printing", "it is printing a job: nothing was changed", 0),
         (|fake| fake.gear_ratio = json!([[80.0, 16.0]]), "a step of z is 0.000500 mm by [stepper_z]", 0),
         (|fake| fake.knows_force_move = false, "add [force_move] with `enable_force_move: True`", 2),
@@ -214,7 +215,7 @@ async fn a_printer_that_may_not_be_used_is_refused_and_left_alone() {
 
 #[tokio::test(start_paused = true)]
 async fn a_motion_whose_answer_was_lost_is_awaited_before_the_next() {
-    for change in [(|fake| fake.pages = 1) as fn(&mut FakePrinter), |fake| fake.lost = 1] {
+    for change in [(|fake| fake.pages = 1) as Change, |fake| fake.lost = 1] {
         let (fake, mut stage) = ready().await;
         change(&mut fake.lock().unwrap());
         moved(&mut stage, &[(Axis::Z, -1.0)]).await.unwrap_err();

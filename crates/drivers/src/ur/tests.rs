@@ -99,6 +99,7 @@ impl FakeArm {
 }
 
 type Arm = Arc<Mutex<FakeArm>>;
+type Change = fn(&mut FakeArm);
 
 fn served(arm: &Arm, serve: impl AsyncFnOnce(Arm, DuplexStream) + Copy + Send + Sync + 'static) -> Connector {
     let arm = arm.clone();
@@ -241,7 +242,7 @@ async fn each_motion_is_one_program_with_one_straight_line() {
 
 #[tokio::test(start_paused = true)]
 async fn what_prevents_a_motion_is_named() {
-    let cases: [(fn(&mut FakeArm), &str); 5] = [
+    let cases: [(Change, &str); 5] = [
         (|arm| arm.safety_mode = 3, "palpate never unlocks it"),
         (|arm| arm.pace = 0.0, "its speed slider is at 0 %"),
         (|arm| arm.rotation_rad = [0.0, PI - 0.02, 0.0], "its tool is tilted by 1.15 degrees"),
@@ -260,7 +261,7 @@ async fn what_prevents_a_motion_is_named() {
 
 #[tokio::test(start_paused = true)]
 async fn an_arm_off_its_way_or_that_feels_too_much_is_stopped() {
-    let cases: [(fn(&mut FakeArm), &str); 2] = [
+    let cases: [(Change, &str); 2] = [
         (|arm| arm.off_mm = 0.15, "its tool is 0.150 mm off its straight way"),
         (|arm| arm.rise_n = 11.0, "the robot's own force changed by 11.0 N in one motion, over 10.0 N"),
     ];
@@ -301,7 +302,7 @@ async fn a_stop_replaces_the_program_and_its_end_is_awaited() {
 
 #[tokio::test(start_paused = true)]
 async fn a_robot_that_may_not_be_used_is_refused_before_anything_moves() {
-    let cases: [(fn(&mut FakeArm), &str); 6] = [
+    let cases: [(Change, &str); 6] = [
         (|arm| arm.pace = f64::NAN, "a number that isn't finite"),
         (|arm| arm.remote = "false", "it is in local control"),
         (|arm| arm.runtime = 2, "a program runs on it"),
