@@ -4,6 +4,7 @@ use super::accept::AcceptOptions;
 use super::choices::{QuantityChoice, RepeatabilityChoice, quantity};
 use super::columns::ColumnsOptions;
 use super::forces::{self, ForcesEvaluated};
+use super::history;
 use super::holdout::HoldoutOptions;
 use super::method::{check_solver, load, solvers};
 use super::recorded::{read_presses, read_run, warn_of_units};
@@ -19,7 +20,7 @@ use palpate_data::dataset::{Evidence, Holdout, Presses};
 use palpate_data::recipe::Phase;
 use palpate_report::report::is_beside_paper;
 use palpate_run::batch::ByDesign;
-use palpate_solver::{BEST, Evaluation, SOLVERS, Solver as _, TriedMethod};
+use palpate_solver::{BEST, Evaluation, HistoryEvaluation, SOLVERS, Solver as _, TriedMethod};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
@@ -53,12 +54,15 @@ pub struct EvaluateOptions {
     /// Presses that are held out as the test.
     #[command(flatten)]
     pub holdout: HoldoutOptions,
-    /// Solve force vectors without places, and leave out each value of this column in turn
+    /// Solve force vectors without places, and leave out each value of this column
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["holdout", "calibration", "test", "accept", "solver", "constant_load", "quantity", "save"])]
     pub folds_by: Option<String>,
-    /// Solve the place and three components of the force, from presses and drags
+    /// Solve place and force vector, from presses and drags
     #[arg(long, conflicts_with_all = ["holdout", "folds_by", "accept", "solver", "quantity", "constant_load", "save"])]
     pub vector: bool,
+    /// Test whether earlier readings of a series lower its force error
+    #[arg(long, conflicts_with_all = ["vector", "holdout", "folds_by", "calibration", "test", "accept", "solver", "quantity", "constant_load", "save"])]
+    pub history: bool,
     /// Meaning of the columns of tables.
     #[command(flatten)]
     pub columns: ColumnsOptions,
@@ -80,6 +84,7 @@ impl Default for EvaluateOptions {
             holdout: HoldoutOptions::default(),
             folds_by: None,
             vector: false,
+            history: false,
             columns: ColumnsOptions::default(),
             accept: AcceptOptions::default(),
         }
@@ -112,6 +117,8 @@ pub struct Evaluated {
     pub forces: Option<ForcesEvaluated>,
     /// Errors of force vectors and places; then there is nothing else.
     pub vector: Option<VectorEvaluation>,
+    /// Errors of a series with and without earlier readings; then there is nothing else.
+    pub history: Option<HistoryEvaluation>,
 }
 
 /// Evaluates and judges, like `palpate evaluate`. A rule without a test gives a verdict that isn't decided.
@@ -126,6 +133,14 @@ pub fn evaluate(options: &EvaluateOptions, note: Note<'_>) -> Result<Evaluated, 
         let errors =
             vectors::evaluated(named.map(|path| path.map(PathBuf::as_path)), &options.columns.mapping()?, note)?;
         return Ok(Evaluated { vector: Some(errors), ..Evaluated::default() });
+    }
+    if options.history {
+        let [source] = options.run.as_slice() else {
+            let help = "palpate evaluate series.csv --history --columns t_s=time,force_n=Fz,outputs=ch0..ch15";
+            return Err(Failure::usage(miette::miette!(help = help, "--history takes one table")));
+        };
+        let errors = history::evaluated(source, &options.columns, note)?;
+        return Ok(Evaluated { history: Some(errors), ..Evaluated::default() });
     }
     if options.folds_by.is_some() && options.run.len() != 1 {
         let help = "name one table or run: palpate evaluate trials.csv --folds-by trial";

@@ -15,6 +15,7 @@ mod failure;
 mod figure_files;
 pub(crate) mod fit;
 mod forces;
+mod history;
 mod holdout;
 pub(crate) mod labels;
 pub(crate) mod lines;

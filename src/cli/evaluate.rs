@@ -3,8 +3,8 @@
 use super::output::json_line;
 use super::summary::{note, print};
 use super::tables::{
-    characteristics_table, cross_validated_table, definitions, evaluation_table, filled, forces_table, solvers_table,
-    vector_table,
+    characteristics_table, cross_validated_table, definitions, evaluation_table, filled, forces_table, history_table,
+    solvers_table, vector_table,
 };
 use super::verdict::{NO_RULE, verdict_code, verdict_table};
 use crate::api::{self, EvaluateOptions, Evaluated, Failure};
@@ -31,14 +31,14 @@ With --holdout, one table or the calibration of a run is split first. The method
 is chosen and fitted with the calibration part only. The verdict is then not
 decided, unless the rule has `holdout = true`.
 
-With three columns of forces and no places, the force vector is solved: without
-each group of --folds-by in turn, or without each fifth of the rows.
+With three columns of forces and no places, force vectors are solved, without
+each group of --folds-by or each fifth of the rows.
 
 Without test presses and --holdout, the errors are cross-validated: each press
 is solved by the method fitted without its place.
 
 The verdict uses the acceptance rule: [accept] of the run's recipe, or
---accept FILE. Without a rule there is no verdict.";
+--accept FILE.";
 
 /// Solve the test presses of a run, of two tables, or held out of one, and print the errors
 #[derive(Debug, clap::Args)]
@@ -72,6 +72,10 @@ pub(super) fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     let evaluated = api::evaluate(&args.options, &note)?;
     if let Some(errors) = &evaluated.vector {
         print(&if args.json { json_line(errors)? } else { vector_table(errors) })?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    if let Some(errors) = &evaluated.history {
+        print(&if args.json { json_line(errors)? } else { history_table(errors) })?;
         return Ok(ExitCode::SUCCESS);
     }
     if let Some(forces) = &evaluated.forces {

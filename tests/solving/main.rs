@@ -10,6 +10,7 @@ mod drags;
 mod evaluate;
 mod forces;
 mod golden;
+mod history;
 mod missing;
 mod paper;
 mod real_skins;

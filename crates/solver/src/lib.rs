@@ -75,6 +75,7 @@ mod forces;
 mod forward;
 mod gaussian_process;
 mod heldout;
+mod history;
 mod hyperparameters;
 mod kriging;
 mod method;
@@ -123,6 +124,7 @@ pub use fitted::{Choice, Fitted, Tie, TriedMethod};
 pub use forces::{
     ComponentErrors, ForceEvaluation, ForceRegression, ForceTable, ForceTableError, MethodForceErrors, evaluate_forces,
 };
+pub use history::{HistoryEvaluation, HistoryRegression, HistorySession, Series, SeriesError, evaluate_history};
 pub use model::{Model, ModelError, Validity};
 pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array};

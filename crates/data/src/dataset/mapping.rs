@@ -25,6 +25,7 @@ keys! {
         force_x_n: Text, Allowed, "the column with the force of the tip along x, where the force has three components", "\"Fx [N]\"";
         force_y_n: Text, Allowed, "the column with the force of the tip along y", "\"Fy [N]\"";
         group: Text, Allowed, "the column whose values name groups of presses, which `evaluate --folds-by` leaves out", "\"trial\"";
+        t_s: Text, Allowed, "the column with the time of a series, for `evaluate --history`; a series may have no places", "\"time\"";
         depth_mm: Text, Allowed, "the column with the depth below the surface; without it, `depth_mm` if the table has it", "\"depth\"";
         outputs: Either(&[Text, Texts]), Allowed,
             "the columns with the outputs, in order: the first and the last of numbered ones, or a list; without it, out_1, out_2, ...",
@@ -49,6 +50,7 @@ keys! {
         x_mm: Number(FACTOR), or(1.0), "factor of x and of y: 0.001 where they are in um", "0.001";
         force_n: Number(FACTOR), or(1.0), "factor of the force: -1 where pressing is negative", "-1.0";
         force_x_n: Number(FACTOR), or(1.0), "factor of the forces along x and y", "0.001";
+        t_s: Number(FACTOR), or(1.0), "factor of the time: 0.001 where it is in ms", "0.001";
         depth_mm: Number(FACTOR), or(1.0), "factor of the depth: -1 where the column is a z that falls into the skin", "-1.0";
         outputs: Number(FACTOR), or(1.0), "factor of every output", "0.001";
     }
@@ -91,6 +93,8 @@ pub struct Mapping {
     pub(super) depth_mm: Option<String>,
     /// Names of the columns with the forces along x and y.
     pub(super) force_sideways_n: [Option<String>; 2],
+    /// Time of a series. `None`: `t_s`, if the table has it.
+    pub(super) t_s: Option<String>,
     /// Name of the column whose values are groups.
     pub(super) group: Option<String>,
     pub(super) outputs: OutputSource,
@@ -135,6 +139,7 @@ pub(super) struct LinearScale {
     pub place: f64,
     pub force: f64,
     pub force_sideways: f64,
+    pub time: f64,
     pub depth: f64,
     pub outputs: f64,
     pub x_mm: f64,
@@ -153,6 +158,7 @@ impl LinearScale {
             *side_n = side_n.map(|force| force * self.force_sideways);
         }
         press.depth_mm = press.depth_mm.map(|depth| depth * self.depth + self.depth_mm);
+        press.t_s = press.t_s.map(|time| time * self.time);
         press.outputs.iter_mut().for_each(|output| *output *= self.outputs);
     }
 }
@@ -173,6 +179,7 @@ impl Default for Mapping {
             force_n: None,
             depth_mm: None,
             force_sideways_n: [None, None],
+            t_s: None,
             group: None,
             outputs: OutputSource::Own,
             flags: None,
@@ -180,6 +187,7 @@ impl Default for Mapping {
                 place: 1.0,
                 force: 1.0,
                 force_sideways: 1.0,
+                time: 1.0,
                 depth: 1.0,
                 outputs: 1.0,
                 x_mm: 0.0,
@@ -239,6 +247,7 @@ impl Mapping {
             "depth_mm" => self.depth_mm.as_deref(),
             "force_x_n" => self.force_sideways_n[0].as_deref(),
             "force_y_n" => self.force_sideways_n[1].as_deref(),
+            "t_s" => self.t_s.as_deref(),
             "flags" => self.flags.as_deref(),
             _ => None,
         }
@@ -262,6 +271,18 @@ impl Mapping {
             side.get_or_insert_with(|| name.to_owned());
         }
         self
+    }
+
+    /// Returns the mapping of a series, with the program's own name for the time if none is named.
+    #[must_use]
+    pub fn of_series(mut self) -> Mapping {
+        self.t_s.get_or_insert_with(|| "t_s".to_owned());
+        self
+    }
+
+    /// Whether the presses may have no places: they are a series, or the force has three components.
+    pub(super) fn may_lack_places(&self) -> bool {
+        self.t_s.is_some() || self.has_force_vector()
     }
 
     /// Returns the names of the columns with the forces along x and y, if they are named.
@@ -314,7 +335,7 @@ fn read(table: &Table) -> Option<Mapping> {
     let single = |key: &Key| optional(table, key, own);
     let (force_n, depth_mm, flags) = (single(&columns::force_n), single(&columns::depth_mm), single(&columns::flags));
     let sideways = [single(&columns::force_x_n), single(&columns::force_y_n)];
-    let group = single(&columns::group);
+    let (group, t_s) = (single(&columns::group), single(&columns::t_s));
     let missing = table.texts(&columns::missing);
     let (has_header, outputs, array) = (table.flag(&columns::header)?, outputs?, array?);
     if let (Some((layout, _)), OutputSource::Named(names)) = (&array, &outputs)
@@ -330,6 +351,7 @@ fn read(table: &Table) -> Option<Mapping> {
         force_n: force_n?,
         depth_mm: depth_mm?,
         force_sideways_n: [x_n?, y_n?],
+        t_s: t_s?,
         group: group?,
         outputs,
         flags: flags?,
@@ -350,8 +372,9 @@ fn check_twice(table: &Table, places: &[Option<String>; 2], outputs: Option<&Out
     let given = |key: &Key| table.is_text(key).then(|| table.text(key)).flatten();
     let mut named: Vec<(Key, &str)> = Vec::new();
     let singles = [columns::x_mm, columns::y_mm].into_iter().zip(places.iter().map(Option::as_deref));
-    let others = [columns::force_n, columns::force_x_n, columns::force_y_n, columns::depth_mm, columns::flags]
-        .map(|key| (key, given(&key)));
+    let others =
+        [columns::force_n, columns::force_x_n, columns::force_y_n, columns::t_s, columns::depth_mm, columns::flags]
+            .map(|key| (key, given(&key)));
     let several = match outputs {
         Some(OutputSource::Named(names)) => names.as_slice(),
         _ => &[],
@@ -379,12 +402,14 @@ fn read_scale(table: &Table) -> Option<LinearScale> {
         read.place = table.number(&scale::x_mm)?;
         read.force = table.number(&scale::force_n)?;
         read.force_sideways = table.number(&scale::force_x_n)?;
+        read.time = table.number(&scale::t_s)?;
         read.depth = table.number(&scale::depth_mm)?;
         read.outputs = table.number(&scale::outputs)?;
         let factors = [
             (scale::x_mm, read.place),
             (scale::force_n, read.force),
             (scale::force_x_n, read.force_sideways),
+            (scale::t_s, read.time),
             (scale::depth_mm, read.depth),
             (scale::outputs, read.outputs),
         ];

@@ -156,9 +156,9 @@ impl KnownColumns {
         let is_of_run = !mapping.is_given
             && COLUMNS.iter().filter(|column| matches!(column.presence, Presence::Run | Presence::OfRun)).all(is_there);
         let mut found = Vec::new();
-        // a force with three components can be solved without a place; a place that was named must be there
+        // a series, or a force with three components, can be solved without a place; a place that was named must be there
         let has_no = |column: &str| mapping.name_of(column) == Some(column) && header.optional(column).is_none();
-        let lacks_places = mapping.has_force_vector() && has_no("x_mm") && has_no("y_mm");
+        let lacks_places = mapping.may_lack_places() && has_no("x_mm") && has_no("y_mm");
         for column in COLUMNS {
             let given = mapping.name_of(column.name);
             let name = given.unwrap_or(column.name);

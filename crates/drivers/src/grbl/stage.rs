@@ -260,12 +260,10 @@ impl Stage for Grbl {
     ) -> Result<(), DeviceError> {
         let doing = "starting a motion";
         // GRBL's soft limits end where the frame does, not where the specimen does
-        for (axis, target_mm) in targets {
-            if self.usage.as_ref().is_none_or(|usage| !usage.travel.along(*axis).contains(*target_mm)) {
-                let text = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
-                return Err(self.port.error(doing, DeviceProblem::Motion(text)));
-            }
-        }
+        let Some(usage) = &self.usage else {
+            return Err(self.port.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
+        };
+        usage.check(targets).map_err(|problem| self.port.error(doing, problem))?;
         let feed_mm_min = self.feed_mm_min(doing, targets, speed_mm_s, orders).await?;
         let words = |(axis, mm): &(Axis, f64)| format!("{}{mm:.4}", axis.name().to_uppercase());
         let places = targets.iter().map(words).collect::<Vec<_>>().join(" ");

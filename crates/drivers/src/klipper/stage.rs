@@ -427,12 +427,7 @@ impl Stage for Klipper {
         if self.under_way != UnderWay::Nothing {
             self.read_back(doing, Duration::ZERO).await?;
         }
-        for (axis, target_mm) in targets {
-            if !usage.travel.along(*axis).contains(*target_mm) {
-                let text = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
-                return Err(self.motion(doing, text));
-            }
-        }
+        usage.check(targets).map_err(|problem| self.moonraker.error(doing, problem))?;
         if orders.stopped() {
             return Ok(());
         }

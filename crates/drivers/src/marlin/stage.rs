@@ -239,12 +239,9 @@ impl Stage for Marlin {
         let Some(usage) = self.usage.clone() else {
             return Err(self.port.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
         };
+        usage.check(targets).map_err(|problem| self.port.error(doing, problem))?;
         let mut to = self.at;
         for (axis, target_mm) in targets {
-            if !usage.travel.along(*axis).contains(*target_mm) {
-                let text = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
-                return Err(self.port.error(doing, DeviceProblem::Motion(text)));
-            }
             to[axis.index()] = (target_mm * self.steps_per_mm[axis.index()]).round() as i64;
         }
         for leg in self.legs(to, usage.away) {

@@ -467,12 +467,9 @@ impl Stage for Ur {
             let at_rest = self.ended(doing, Duration::ZERO, orders).await;
             self.at_mm = self.settle(at_rest).await?;
         }
+        usage.check(targets).map_err(|problem| self.error(doing, problem))?;
         let mut to_mm = self.at_mm;
         for (axis, target_mm) in targets {
-            if !usage.travel.along(*axis).contains(*target_mm) {
-                let text = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
-                return Err(self.error(doing, DeviceProblem::Motion(text)));
-            }
             to_mm[axis.index()] = *target_mm;
         }
         let begun = self.move_to(doing, to_mm, (speed_mm_s, &usage), orders).await;

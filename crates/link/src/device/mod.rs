@@ -63,6 +63,19 @@ impl StageUse {
     pub fn reach(&self, axis: Axis) -> Range {
         self.travel.along(axis).widened(BEYOND_MM)
     }
+
+    /// Checks that all targets are within the travel.
+    ///
+    /// # Errors
+    /// The target that isn't.
+    pub fn check(&self, targets: &[(Axis, f64)]) -> Result<(), DeviceProblem> {
+        match targets.iter().find(|(axis, target_mm)| !self.travel.along(*axis).contains(*target_mm)) {
+            None => Ok(()),
+            Some((axis, target_mm)) => {
+                Err(DeviceProblem::Motion(format!("{} at {target_mm} mm is outside the rig's travel", axis.name())))
+            }
+        }
+    }
 }
 
 /// A three-axis stage. Positions are stage coordinates, mm.

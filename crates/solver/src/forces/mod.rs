@@ -248,8 +248,59 @@ pub fn evaluate_forces(table: &ForceTable) -> Result<ForceEvaluation, ForceTable
     Ok(ForceEvaluation { rows: table.rows(), folds: parts.len(), methods: names.zip(&errors).map(method).collect() })
 }
 
+/// Linear regression of the force along the press from features of a series, whose ridge is chosen on left-out parts.
+pub(super) struct SeriesFit {
+    features: Features,
+    ridge: Ridge,
+    /// Least and largest value of each feature that was fitted.
+    ranges: Vec<[f64; 2]>,
+}
+
+impl SeriesFit {
+    /// Fits some rows, and returns the mean squared error of each part by the fit without it.
+    pub(super) fn of(table: &ForceTable, rows: &[usize], parts: &[Vec<usize>]) -> (SeriesFit, Vec<f64>) {
+        let features = Features::of(table, rows);
+        let (ridge, without_each) = Fold::of(&features, table, rows, parts).fit(true);
+        let square = |ridge: &Ridge, row: usize| {
+            (ridge.of(&linear(&features.standard(table.row(row))))[PRESS] - table.forces_n[row][PRESS]).powi(2)
+        };
+        let squares = parts.iter().zip(&without_each).map(|(part, ridge)| {
+            part.iter().map(|&at| square(ridge, rows[at])).sum::<f64>() / part.len().max(1) as f64
+        });
+        let squares = squares.collect();
+        let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; table.channels];
+        for &row in rows {
+            let each = ranges.iter_mut().zip(table.row(row));
+            each.for_each(|([least, most], value)| (*least, *most) = (least.min(*value), most.max(*value)));
+        }
+        (SeriesFit { features, ridge, ranges }, squares)
+    }
+
+    /// Returns the error of the force of a row, N.
+    pub(super) fn error_n(&self, table: &ForceTable, row: usize) -> f64 {
+        self.answer_n(table.row(row), 0) - table.forces_n[row][PRESS]
+    }
+
+    /// Returns the force of features, N. Memories are known only within what was fitted, so they count no further.
+    pub(super) fn answer_n(&self, features: &[f64], instant: usize) -> f64 {
+        let within = |(nth, (value, [least, most])): (usize, (&f64, &[f64; 2]))| {
+            if nth < instant { *value } else { value.clamp(*least, *most) }
+        };
+        let features: Vec<f64> = features.iter().zip(&self.ranges).enumerate().map(within).collect();
+        self.ridge.of(&linear(&self.features.standard(&features)))[PRESS]
+    }
+}
+
+/// Component of the force along the press.
+const PRESS: usize = 2;
+
+/// Features of scaled outputs without memory: the outputs, their squares and products.
+pub(super) fn instant_features(standard: &[f64]) -> Vec<f64> {
+    quadratic(standard).split_off(1)
+}
+
 impl ComponentErrors {
-    fn of(errors_n: impl Iterator<Item = f64>) -> ComponentErrors {
+    pub(super) fn of(errors_n: impl Iterator<Item = f64>) -> ComponentErrors {
         let mut sizes: Vec<f64> = errors_n.map(f64::abs).collect();
         sizes.sort_by(f64::total_cmp);
         let count = sizes.len().max(1) as f64;
