@@ -275,9 +275,13 @@ impl Ur {
         let state = started.map_err(|error| self.failed(doing, &error))?;
         let way_mm = minus(to_mm, self.at_mm);
         let is_leaving = way_mm[0] == 0.0 && way_mm[1] == 0.0 && way_mm[2] * usage.away > 0.0;
+        let frame = &self.settings.frame;
+        let [x_mm, y_mm, _] = frame.to_stage(state.at_mm);
+        // the way out is straight from where the tip is, which isn't where it was sent if the arm gives way
+        let target_mm = frame.to_base(if is_leaving { [x_mm, y_mm, to_mm[2]] } else { to_mm });
         self.motion = Some(ArmMotion {
             from_mm: state.at_mm,
-            to_mm: self.settings.frame.to_base(to_mm),
+            to_mm: target_mm,
             force_n: state.force_n,
             is_leaving,
             is_stopped: false,
@@ -287,15 +291,14 @@ impl Ur {
             self.motion = None; // nothing moves
             return Err(error);
         }
-        let frame = &self.settings.frame;
-        let (target_mm, along_path) = (frame.to_base(to_mm), length(way_mm) / longest(way_mm));
+        let along_path = length(way_mm) / longest(way_mm);
         if longest(way_mm) == 0.0 || orders.stopped() {
             self.motion = None;
             return Ok(());
         }
         // speed and acceleration of the rig are those of an axis; on the way out the tool doesn't turn
         let (v, a) = (speed_mm_s * along_path, usage.acceleration_mm_s2 * along_path);
-        let rotation_rad = if is_leaving { state.rotation_rad } else { frame.tool_rad() };
+        let rotation_rad = if is_leaving { state.rotation_rad } else { self.settings.frame.tool_rad() };
         self.send(doing, |number| script::motion(number, target_mm, rotation_rad, v, a)).await?;
         self.at_mm = to_mm;
         let late = "it doesn't begin a program: is it in remote control, and no message on the pendant?";
@@ -306,7 +309,8 @@ impl Ur {
     /// Checks that nothing else moved the tool since it came to rest.
     fn check_start(&self, doing: &str, state: &RobotState) -> Result<(), DeviceError> {
         let off_mm = length(minus(state.at_mm, self.settings.frame.to_base(self.at_mm)));
-        if off_mm > self.settings.path_error_mm {
+        let is_leaving = self.motion.is_some_and(|motion| motion.is_leaving);
+        if off_mm > self.settings.path_error_mm && !is_leaving {
             let text = format!("its tool is {off_mm:.3} mm from where it came to rest: something else moved it");
             return Err(self.error(doing, DeviceProblem::Motion(text)));
         }

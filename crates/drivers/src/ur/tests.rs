@@ -325,6 +325,17 @@ async fn a_robot_that_may_not_be_used_is_refused_before_anything_moves() {
     }
 }
 
+/// The tip isn't where it was sent, because the arm gives way: the way out goes straight from there.
+#[tokio::test(start_paused = true)]
+async fn the_way_out_begins_where_the_tip_is() {
+    with_arm(FakeArm::default(), async |arm, stage, orders| {
+        arm.lock().unwrap().at_mm[0] = 0.4;
+        assert_eq!(moved(stage, &[(Axis::Z, 3.0)], orders).await.unwrap(), [3.0]);
+        assert!((arm.lock().unwrap().at_mm[0] - 0.4).abs() < 1e-9, "nothing moved sideways");
+    })
+    .await;
+}
+
 /// A late program after another one does nothing, and one that somebody ended isn't awaited.
 #[tokio::test(start_paused = true)]
 async fn a_program_that_somebody_ended_is_named_at_once() {
