@@ -27,12 +27,12 @@ pub(super) fn folds(table: &ForceTable, rows: &[usize], most: usize, must_be_who
 }
 
 /// Returns positions of rows in parts, in their order.
-fn blocks(rows: usize, most: usize) -> Vec<Vec<usize>> {
+pub(crate) fn blocks(rows: usize, most: usize) -> Vec<Vec<usize>> {
     (0..rows).collect::<Vec<_>>().chunks(rows.div_ceil(most).max(1)).map(<[usize]>::to_vec).collect()
 }
 
 /// Returns the rows that aren't in a part.
-pub(super) fn without(rows: &[usize], part: &[usize]) -> Vec<usize> {
+pub(crate) fn without(rows: &[usize], part: &[usize]) -> Vec<usize> {
     let mut is_left = vec![true; rows.len()];
     part.iter().for_each(|&at| is_left[at] = false);
     rows.iter().zip(is_left).filter(|(_, is_left)| *is_left).map(|(row, _)| *row).collect()

@@ -3,7 +3,7 @@
 //! A sensor with a single taxel, or one that is always pressed at the same place, has no map to invert. Four methods are fitted, and each
 //! component of the answer is their weighted mean. The weights are those that are best on groups of rows that were left out.
 
-mod folds;
+pub(crate) mod folds;
 mod ridge;
 mod weights;
 

@@ -6,8 +6,9 @@
 
 mod features;
 
+use super::forces::folds::{blocks, without};
 use super::forces::{ComponentErrors, ForceTable, ForceTableError, SeriesFit};
-use features::{MEMORIES, Memory, Scale};
+use features::{MEMORIES, Memory, MemorySet, Scale};
 use serde::Serialize;
 
 /// Least number of readings, and of blocks that are left out.
@@ -139,7 +140,7 @@ impl Series {
 /// The readings can't be regressed.
 pub fn evaluate_history(series: &Series) -> Result<HistoryEvaluation, SeriesError> {
     let tables = tables(series)?;
-    let all: Vec<usize> = (0..tables[0].rows()).collect();
+    let all = all_rows(&tables[0]);
     let mut errors_n: [Vec<f64>; 3] = Default::default();
     for part in blocks(all.len(), OUTER_BLOCKS) {
         let training = without(&all, &part);
@@ -179,9 +180,10 @@ impl HistoryRegression {
     /// # Errors
     /// The readings can't be regressed.
     pub fn fit(series: &Series) -> Result<HistoryRegression, SeriesError> {
-        let choice = HistoryRegression::choice(series)?;
+        let tables = tables(series)?;
+        let mut choice = Choice::of(&tables, &all_rows(&tables[0]));
         let set = choice.used();
-        Ok(HistoryRegression::of(series, choice, set))
+        Ok(HistoryRegression::of(series, set, choice.fits.swap_remove(set)))
     }
 
     /// Fits a series by its newest readings alone.
@@ -189,18 +191,14 @@ impl HistoryRegression {
     /// # Errors
     /// The readings can't be regressed.
     pub fn fit_newest(series: &Series) -> Result<HistoryRegression, SeriesError> {
-        Ok(HistoryRegression::of(series, HistoryRegression::choice(series)?, 0))
+        let table = table(series, &MEMORIES[0])?;
+        let rows = all_rows(&table);
+        let (fit, _) = SeriesFit::of(&table, &rows, &blocks(rows.len(), BLOCKS));
+        Ok(HistoryRegression::of(series, 0, fit))
     }
 
-    fn choice(series: &Series) -> Result<Choice, SeriesError> {
-        let tables = tables(series)?;
-        let all: Vec<usize> = (0..tables[0].rows()).collect();
-        Ok(Choice::of(&tables, &all))
-    }
-
-    fn of(series: &Series, mut choice: Choice, set: usize) -> HistoryRegression {
-        let (scale, memory) = (Scale::of(series), Memory::of(&MEMORIES[set], series));
-        HistoryRegression { scale, memory, fit: choice.fits.swap_remove(set) }
+    fn of(series: &Series, set: usize, fit: SeriesFit) -> HistoryRegression {
+        HistoryRegression { scale: Scale::of(series), memory: Memory::of(&MEMORIES[set], series), fit }
     }
 
     /// Begins to solve one reading after another.
@@ -274,29 +272,24 @@ fn is_lower(errors_n: &[f64], than_n: &[f64], sure: f64) -> bool {
 
 /// Returns a table of features for each set of memories.
 fn tables(series: &Series) -> Result<Vec<ForceTable>, SeriesError> {
+    MEMORIES.iter().map(|set| table(series, set)).collect()
+}
+
+fn table(series: &Series, set: &MemorySet) -> Result<ForceTable, SeriesError> {
     let (scale, step) = (Scale::of(series), series.rows().div_ceil(ROWS_MOST));
-    let table = |set| {
-        let mut memory = Memory::of(set, series);
-        let mut rows = Vec::new();
-        for row in 0..series.rows() {
-            let features = memory.features(series.t_s[row], &scale.scaled(series.row(row)));
-            if row % step == 0 {
-                rows.push((features, [0.0, 0.0, series.force_n[row]]));
-            }
+    let mut memory = Memory::of(set, series);
+    let mut rows = Vec::new();
+    for row in 0..series.rows() {
+        let features = memory.features(series.t_s[row], &scale.scaled(series.row(row)));
+        if row % step == 0 {
+            rows.push((features, [0.0, 0.0, series.force_n[row]]));
         }
-        Ok(ForceTable::new(rows.iter().map(|(features, force_n)| (features.as_slice(), *force_n, 0)))?)
-    };
-    MEMORIES.iter().map(table).collect()
+    }
+    Ok(ForceTable::new(rows.iter().map(|(features, force_n)| (features.as_slice(), *force_n, 0)))?)
 }
 
-/// Returns positions in blocks, in their order.
-fn blocks(rows: usize, count: usize) -> Vec<Vec<usize>> {
-    (0..rows).collect::<Vec<_>>().chunks(rows.div_ceil(count).max(1)).map(<[usize]>::to_vec).collect()
-}
-
-fn without(rows: &[usize], part: &[usize]) -> Vec<usize> {
-    let (first, last) = (part.first().copied().unwrap_or_default(), part.last().copied().unwrap_or_default());
-    rows.iter().copied().filter(|row| *row < first || *row > last).collect()
+fn all_rows(table: &ForceTable) -> Vec<usize> {
+    (0..table.rows()).collect()
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 const HEAD_MOST: usize = 65_536;
 /// Largest body of a request here, bytes. Moonraker takes more, for files.
 const BODY_MOST: usize = 1 << 20;
-/// Status of what is no request.
+/// Status of the answer to anything that isn't a request.
 const BAD: &str = "400 Bad Request";
 
 /// Takes the first complete request from what was received. What can't become a request is taken, too.
