@@ -84,6 +84,9 @@ pub enum ExportChoice {
     Npz,
     /// All tables in one MAT file (v5) for MATLAB, Octave and scipy
     Mat,
+    /// All tables in one HDF5 file
+    #[value(name = "h5")]
+    Hdf5,
     /// A sensor file as C99, for a controller
     C,
 }
@@ -125,6 +128,7 @@ impl From<ExportChoice> for export::ExportFormat {
             ExportChoice::Arrow => export::ExportFormat::Arrow,
             ExportChoice::Npz => export::ExportFormat::Npz,
             ExportChoice::Mat => export::ExportFormat::Mat,
+            ExportChoice::Hdf5 => export::ExportFormat::Hdf5,
             ExportChoice::C => export::ExportFormat::C,
         }
     }

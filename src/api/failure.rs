@@ -91,6 +91,7 @@ impl Failure {
             | DatasetError::Lost { .. }
             | DatasetError::Foreign { .. }
             | DatasetError::Manifest { .. }
+            | DatasetError::Series { .. }
             | DatasetError::Journal(
                 JournalError::Damaged { .. } | JournalError::Format { .. } | JournalError::Kind { .. },
             ) => FailureKind::Usage,
@@ -101,6 +102,7 @@ impl Failure {
                 FailureKind::Usage
             }
             DatasetError::Io { .. }
+            | DatasetError::Readings(_)
             | DatasetError::Journal(JournalError::Io { .. } | JournalError::Displaced { .. }) => FailureKind::Record,
         };
         Failure::new(kind, error)

@@ -13,7 +13,7 @@ use miette::IntoDiagnostic;
 use palpate_data::dataset::{
     DatasetError, Provenance, RigChange, RunFacts, RunFolder, SessionEnd, Status, Texts, files,
 };
-use palpate_data::recipe::{Plan, Recipe};
+use palpate_data::recipe::{Plan, Recipe, SeriesScope};
 use palpate_document::TEXT_MAX_BYTES;
 use palpate_link::time::{run_virtually, spawn};
 use palpate_run::rig::{Consequence, Difference, RigSpec, differences};
@@ -292,6 +292,9 @@ pub(crate) fn executed(
     heard: (&dyn Fn(f64), &mut dyn Listener),
 ) -> Result<(Ending, Result<(), DatasetError>), Failure> {
     let began = Instant::now();
+    if plan.series != SeriesScope::None {
+        folder.keep_series(&spec.array.unit).map_err(Failure::dataset)?;
+    }
     let ending = block_on(spec.is_simulated(), async {
         if let Some(pace) = pace {
             drop(spawn(keep_pace(pace)));

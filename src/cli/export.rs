@@ -7,7 +7,7 @@ use crate::api::ExportChoice;
 use crate::api::Failure;
 use crate::api::recorded::read_run;
 use palpate_data::dataset::sensor_file::read_sensor_file;
-use palpate_data::dataset::{DatasetError, files, make_folder};
+use palpate_data::dataset::{DatasetError, Recorded, files, make_folder};
 use palpate_report::export::{self, ExportFormat, frame};
 use serde_json::json;
 use std::fs;
@@ -23,7 +23,7 @@ Examples:
   palpate export --model sensor.palpate --format c --out sensor.c
 
 Tables: presses, calibration_matrix, test_matrix, characteristics, truth (of a
-simulated run). Each column has its unit and its definition, each file the
+simulated run), series (readings, if the run keeps them). Each column has its unit and its definition, each file the
 manifest of the run. csv, parquet and arrow: a folder with a file for each table.
 npz and mat: one file for each run. Nothing is overwritten.
 A lake has a Parquet file for each run and table, in folders by design, batch and
@@ -133,12 +133,35 @@ fn as_files(format: ExportFormat, args: &ExportArgs) -> Result<ExitCode, Failure
 /// Writes the tables of a run to a file, or to a folder that may exist.
 fn tables(run: &Path, format: ExportFormat, place: &Path) -> Result<(), Failure> {
     let (recorded, bench) = read_run(run, &note)?;
-    let (frames, manifest) = (frame::all(&recorded, &bench), &recorded.manifest);
-    let written = match format.is_one_file() {
+    let (mut frames, manifest) = (frame::all(&recorded, &bench), &recorded.manifest);
+    let is_one_file = format.is_one_file();
+    let made = if is_one_file { Ok(()) } else { fs::create_dir_all(place) };
+    made.map_err(|why| unwritten(DatasetError::io("making", place)(why)))?;
+    add_series(&mut frames, &recorded, format, place)?;
+    let written = match is_one_file {
         true => export::write_file(frames, manifest, format, place),
-        false => fs::create_dir_all(place).and_then(|()| export::write_tables(frames, manifest, format, place)),
+        false => export::write_tables(frames, manifest, format, place),
     };
     written.map_err(|why| unwritten(DatasetError::io("writing", place)(why)))
+}
+
+#[cfg(feature = "files")]
+fn add_series(
+    frames: &mut Vec<frame::ExportTable>,
+    run: &Recorded,
+    format: ExportFormat,
+    folder: &Path,
+) -> Result<(), Failure> {
+    export::add_series(frames, run, &frame::manifest(run), format, folder).map_err(unwritten)
+}
+
+/// A run with readings was made by a program that was built with `files`: its other tables are exported by any.
+#[cfg(not(feature = "files"))]
+fn add_series(_: &mut Vec<frame::ExportTable>, run: &Recorded, _: ExportFormat, _: &Path) -> Result<(), Failure> {
+    if run.series.is_some() {
+        note(&format!("note: {}: the table `series` needs the feature `files`, and was left out", run.path.display()));
+    }
+    Ok(())
 }
 
 #[cfg(feature = "files")]

@@ -232,5 +232,14 @@ fn record(folder: &mut RunFolder, tables: Vec<(Presses, Phase)>, started: Instan
     }
     let wall_s = started.elapsed().as_secs_f64();
     let (status, ended) = (Status::Complete, now());
-    folder.finish(SessionEnd { status, t_s: 0.0, ended, wall_s, failure: None, cell_unchecked: false, cell_off: None })
+    folder.finish(SessionEnd {
+        status,
+        t_s: 0.0,
+        ended,
+        wall_s,
+        failure: None,
+        cell_unchecked: false,
+        cell_off: None,
+        series: None,
+    })
 }

@@ -63,6 +63,7 @@ fn run_folder_keeps_positions_of_contacts_in_memory_not_contacts() {
             failure: None,
             cell_unchecked: false,
             cell_off: None,
+            series: None,
         })
         .unwrap();
     let most = HEAP.max_allocated() - before;

@@ -13,9 +13,14 @@ const VALUES_LEAST: u64 = 5000;
 fn exported() -> TestFolder {
     let bench = bench([("runs/every", "--sensor A-017")]);
     fs::create_dir(bench.path("all")).unwrap();
-    for (format, out) in
-        [("csv", "csv"), ("parquet", "parquet"), ("arrow", "arrow"), ("npz", "run.npz"), ("mat", "run.mat")]
-    {
+    for (format, out) in [
+        ("csv", "csv"),
+        ("parquet", "parquet"),
+        ("arrow", "arrow"),
+        ("npz", "run.npz"),
+        ("mat", "run.mat"),
+        ("h5", "run.h5"),
+    ] {
         bench.palpate_ends(0, &format!("export runs/every --format {format} --out all/{out}"));
     }
     bench
@@ -26,7 +31,7 @@ fn exported() -> TestFolder {
 fn every_format_has_the_same_numbers_for_its_own_reader() {
     let bench = exported();
     assert_eq!(bench.read("all/csv/presses.csv"), bench.read("runs/every/presses.csv"));
-    for library in ["numpy", "scipy", "pandas", "pyarrow", "polars", "duckdb"] {
+    for library in ["numpy", "scipy", "pandas", "pyarrow", "polars", "duckdb", "h5py"] {
         let import = match library {
             "scipy" => "import scipy.io",
             "pandas" => "import pandas, pyarrow",

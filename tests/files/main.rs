@@ -7,6 +7,7 @@ mod killed;
 mod lake;
 mod long;
 mod recorded;
+mod series;
 
 use palpate_testing::TestFolder;
 
@@ -14,6 +15,9 @@ use palpate_testing::TestFolder;
 const RECIPE: &str = r#"
 name = "every"
 rig = "sim"
+
+[record]
+series = "window"
 
 [evaluate]
 solvers = ["pearson"]

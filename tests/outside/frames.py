@@ -1,6 +1,6 @@
 """Reads the exports of a run with a library of others, and compares every number with the CSV export, bit for bit.
 
-readers.py LIBRARY FOLDER: FOLDER has csv/, parquet/, arrow/, run.npz and run.mat of the same run.
+frames.py LIBRARY FOLDER: FOLDER has csv/, parquet/, arrow/, run.npz, run.mat and run.h5 of the same run.
 """
 
 import csv
@@ -117,4 +117,18 @@ elif library == "duckdb":
         assert read.columns == list(cells)
         for at, name in enumerate(read.columns):
             compare(table, name, cells[name], [row[at] for row in rows])
+elif library == "h5py":
+    import h5py
+
+    file = h5py.File(f"{folder}/run.h5")
+    assert json.loads(file["manifest"][0])["status"] == "complete"
+    for table in tables():
+        cells, group = expected(table), file[table]
+        for name in (name for name in cells if not name.startswith("out_")):
+            values = group[name][()].tolist()
+            compare(table, name, cells[name], [value.decode() if isinstance(value, bytes) else value for value in values])
+            attributes = group[name].attrs
+            assert (bytes(attributes.get("unit", b"")).decode(), attributes["definition"].decode()) == units(table)[name]
+        for at, name in enumerate(name for name in cells if name.startswith("out_")):
+            compare(table, name, cells[name], group["outputs"][:, at].tolist())
 print(compared)

@@ -79,6 +79,19 @@ fn force_is_refused_without_a_load_cell() {
     assert!(refused.contains("has no load cell"), "{refused}");
 }
 
+#[cfg(not(feature = "files"))]
+#[test]
+fn series_needs_the_feature_files_and_is_refused_at_its_line() {
+    let recipe = "name = \"r\"\nrig = \"sim\"\n[record]\nseries = \"press\"\n[[step]]\nphase = \"test\"\nunits = \"all\"\nforce_n = 1\n";
+    let bench = TestFolder::with([("r.toml", recipe)]);
+    for words in ["check r.toml", "run r.toml --out run"] {
+        let refused = bench.palpate_ends(2, words).running();
+        let expected = "`series` needs the feature `files`, which this program was built without";
+        assert!(refused.contains(expected) && refused.contains("r.toml:4:10"), "{refused}");
+        assert!(!bench.has("run"));
+    }
+}
+
 #[test]
 fn interval_of_forces_is_refused_with_the_depth_as_the_other_way() {
     let (rig, by_force) = (rig_without_load_cell(), RECIPE.replace("depth_mm = [0.3, 0.6]", "force_n = [0.3, 0.5]"));

@@ -1,5 +1,6 @@
 //! Reasons why a run couldn't be recorded or read.
 
+use super::SeriesError;
 use super::files;
 use super::journal::{JOURNAL, JournalError};
 use miette::Diagnostic;
@@ -106,6 +107,25 @@ pub enum DatasetError {
         /// Differences of the journal from the manifest.
         found: Vec<String>,
     },
+    /// The file of readings has lost its end.
+    #[error("{} has {bytes} bytes; the journal states {recorded}", path.display())]
+    #[diagnostic(help(
+        "restore it from a copy: readings can't be regenerated. Presses and evaluations don't need it; nothing was changed"
+    ))]
+    Series {
+        /// The file.
+        path: PathBuf,
+        /// Its length.
+        bytes: u64,
+        /// Its length after the last recorded press.
+        recorded: u64,
+    },
+    /// Readings weren't kept.
+    #[error(transparent)]
+    #[diagnostic(help(
+        "free disk space or use a faster disk, then continue with `palpate resume`: acknowledged presses are stored"
+    ))]
+    Readings(#[from] SeriesError),
     /// The manifest is invalid.
     #[error("{}{at}: {problem}", path.display())]
     #[diagnostic(help("`palpate rebuild` regenerates it from the run's journal"))]

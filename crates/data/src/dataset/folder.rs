@@ -11,6 +11,9 @@ use super::manifest::MANIFEST;
 use super::new_folder::make_folder;
 use super::press::{csv_header, csv_line};
 use super::recorded::{COLUMNS, RECIPE, RIG, Texts};
+#[cfg(feature = "files")]
+use super::series::{SERIES, SeriesQueue, SeriesWriter};
+use super::series::{cut, series_columns};
 use super::verify::fingerprints;
 use super::views::{PRESSES, TABLES, replace, write};
 use super::{
@@ -49,6 +52,9 @@ pub struct RunFolder {
     presses: Option<File>,
     layout: ArrayLayout,
     known: JournalSummary,
+    /// Writer of readings, if they are kept.
+    #[cfg(feature = "files")]
+    series: Option<SeriesWriter>,
 }
 
 impl RunFolder {
@@ -158,12 +164,36 @@ impl RunFolder {
         Ok(())
     }
 
+    /// Keeps the readings of every further press. The outputs are in `unit`. Without the feature `files`, a plan that asks for this is
+    /// refused before.
+    ///
+    /// # Errors
+    /// An error of the operating system.
+    pub fn keep_series(&mut self, unit: &str) -> Result<(), DatasetError> {
+        let three_axes = self.known.manifest.facts.three_axes;
+        let columns = series_columns(self.layout.len(), three_axes, unit);
+        #[cfg(feature = "files")]
+        {
+            let writer = SeriesWriter::begin(&self.path, &columns, three_axes, self.journal.durability());
+            self.series = Some(writer.map_err(DatasetError::io("opening", self.path.join(SERIES)))?);
+        }
+        #[cfg(not(feature = "files"))]
+        drop(columns);
+        Ok(())
+    }
+
     /// Ends a session. Writes the final tables, then the journal's record of the end, then the manifest. If one of these fails,
     /// the run remains unfinished, as after a killed program.
     ///
     /// # Errors
     /// An error of the operating system.
     pub fn finish(&mut self, end: SessionEnd) -> Result<(), DatasetError> {
+        #[cfg(feature = "files")]
+        if let Some(series) = self.series.take() {
+            series.end();
+            cut(&self.path, self.known.series.as_ref())?; // readings of a press that didn't end
+        }
+        let end = SessionEnd { series: self.known.series.clone(), ..end };
         self.journal.keep_place()?; // the tables are read from the file of this name
         self.write_views()?;
         self.record(&Record::End(end))?;
@@ -292,7 +322,17 @@ impl Opened {
     /// Opens the run's journal for appending and returns the run. An incomplete record at the end is cut off.
     fn attach(self) -> Result<RunFolder, DatasetError> {
         let Opened { path, lock, records, known, layout } = self;
-        Ok(RunFolder { path, _lock: lock, journal: records.go_on()?, presses: None, layout, known })
+        cut(&path, known.series.as_ref())?;
+        Ok(RunFolder {
+            path,
+            _lock: lock,
+            journal: records.go_on()?,
+            presses: None,
+            layout,
+            known,
+            #[cfg(feature = "files")]
+            series: None,
+        })
     }
 }
 
@@ -327,6 +367,11 @@ impl Ledger for RunFolder {
     fn append_unsynced(&mut self, record: &Record) -> Result<(), DatasetError> {
         let offset = self.journal.append_unsynced(record)?;
         self.take_in(offset, record)
+    }
+
+    #[cfg(feature = "files")]
+    fn series(&self) -> Option<SeriesQueue> {
+        self.series.as_ref().map(|series| series.queue.clone())
     }
 }
 

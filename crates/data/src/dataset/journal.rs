@@ -188,6 +188,11 @@ impl<R: Logged> Journal<R> {
         self.durability = durability;
     }
 
+    /// Returns the durability of further records.
+    pub(super) fn durability(&self) -> Durability {
+        self.durability
+    }
+
     /// Returns the records of a journal from its beginning. Damage before the last line is returned as an error in its place; no
     /// record after the damage is reliable.
     ///

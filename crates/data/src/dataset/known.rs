@@ -6,7 +6,9 @@ use super::index::Index;
 use super::journal::JOURNAL;
 use super::manifest::MANIFEST;
 use super::views::PRESSES;
-use super::{DatasetError, Journal, JournalRecords, Loss, Manifest, Peaks, Press, Record, RecordedText, Status};
+use super::{
+    DatasetError, Journal, JournalRecords, Loss, Manifest, Peaks, Press, Record, RecordedText, SeriesMark, Status,
+};
 use crate::recipe::Phase;
 use std::path::Path;
 
@@ -26,6 +28,8 @@ pub(super) struct JournalSummary {
     pub end: Option<Status>,
     /// For each trip, the entry that was being executed and its true peaks.
     pub trips: Vec<(Option<u64>, Peaks)>,
+    /// Length of the file of readings after the last contact.
+    pub series: Option<SeriesMark>,
     /// The last check.
     pub last_check: Option<String>,
     /// Number of outputs of each press; `None` before the first press, if the number wasn't given.
@@ -81,6 +85,16 @@ impl JournalSummary {
                     return Err(format!("its levels don't match press {} on this array", contact.press));
                 }
                 self.channels = channels;
+                if let Some(mark) = &contact.series {
+                    let before = self.series.as_ref().map_or(0, |before| before.bytes);
+                    if mark.bytes < before {
+                        return Err(format!(
+                            "its readings end at byte {}, before those of an earlier press",
+                            mark.bytes
+                        ));
+                    }
+                    self.series = Some(mark.clone());
+                }
                 self.contacts.insert(contact.press, offset)?;
                 for (phase, count) in Phase::ALL.into_iter().zip(&mut self.levels) {
                     *count += contact.levels.iter().filter(|press| press.is_of(phase)).count() as u64;

@@ -1,6 +1,6 @@
 //! Interface between a run in execution and its record.
 
-use super::{DatasetError, Record, RecordedContact};
+use super::{DatasetError, Record, RecordedContact, SeriesQueue};
 use std::collections::BTreeSet;
 
 /// Interface between a run in execution and its record: existing data, and the destination of new data.
@@ -27,6 +27,11 @@ pub trait Ledger {
     /// Returns the operating system's error.
     fn append_unsynced(&mut self, record: &Record) -> Result<(), DatasetError> {
         self.record(record)
+    }
+
+    /// Returns where the readings of every press go; `None` if they aren't kept.
+    fn series(&self) -> Option<SeriesQueue> {
+        None
     }
 }
 

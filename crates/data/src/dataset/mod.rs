@@ -43,6 +43,7 @@ pub mod readings;
 mod record;
 mod recorded;
 pub mod sensor_file;
+mod series;
 mod session;
 mod stated;
 mod table;
@@ -75,6 +76,12 @@ pub use press::{Presence, RunColumns};
 pub use presses::Presses;
 pub use record::{Left, NoLoad, Peaks, PressTruth, Record, RecordedContact, RecordedSurface, Retouch, SurfaceFinder};
 pub use recorded::{Recorded, Texts, journal_sha256, source_fingerprint};
+pub use series::{
+    ReadValue, Reading, Readings, SERIES, SeriesColumn, SeriesError, SeriesMark, SeriesQueue, SeriesRequest,
+    series_columns, series_queue,
+};
+#[cfg(feature = "files")]
+pub use series::{RecordedSeries, SeriesBatch};
 pub use session::{
     Durability, FORMAT, Imported, LABEL_MOST, Labels, Loss, Provenance, RecordedText, RigChange, RunFacts, SessionEnd,
     Status, is_label,

@@ -1,7 +1,7 @@
 //! Records of the journal.
 
 use super::journal::Logged;
-use super::{FORMAT, Loss, Press, Provenance, RecordedCheck, RecordedText, RunFacts, SessionEnd};
+use super::{FORMAT, Loss, Press, Provenance, RecordedCheck, RecordedText, RunFacts, SeriesMark, SessionEnd};
 use palpate_control::{LearnedContact, MainsInterference, NoLoadReadings, Trip, UncertaintyBudget};
 use palpate_core::quantity::Identity;
 use palpate_core::quantity::{Place, any_number, round};
@@ -124,6 +124,9 @@ pub struct RecordedContact {
     /// State from which the next press begins; `None` after the last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left: Option<Left>,
+    /// File of readings with those of this contact; `None` if none are kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub series: Option<SeriesMark>,
 }
 
 impl RecordedContact {

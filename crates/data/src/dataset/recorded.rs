@@ -11,7 +11,7 @@ use super::table_error::MAX_TABLE_BYTES;
 use super::views::PRESSES;
 use super::{
     DatasetError, Fingerprint, Journal, Manifest, Presses, Record, RecordedCheck, RecordedContact, RecordedText,
-    Retouch, files,
+    Retouch, SeriesMark, files,
 };
 use palpate_control::Trip;
 use std::fs::File;
@@ -41,6 +41,8 @@ pub struct Recorded {
     pub retouches: Vec<Retouch>,
     /// Checks in the order of measurement.
     pub checks: Vec<RecordedCheck>,
+    /// File of readings after the last contact; `None` if none are kept.
+    pub series: Option<SeriesMark>,
     /// Contacts in the order of measurement.
     pub contacts: Vec<RecordedContact>,
     /// Whether the run has ended, and nothing was measured or lost after its end.
@@ -105,11 +107,11 @@ impl Recorded {
                 return Err(DatasetError::Lost { path: path.to_owned(), lost }.into());
             }
         }
-        let has_ended = known.end.is_some();
+        let (has_ended, series) = (known.end.is_some(), known.series);
         let (manifest, texts) = (known.manifest, Texts { all: known.texts });
         let contacts = Vec::new();
         let path = path.to_owned();
-        Ok(Recorded { path, manifest, texts, zeros, trips, retouches, checks, contacts, has_ended })
+        Ok(Recorded { path, manifest, texts, zeros, trips, retouches, checks, series, contacts, has_ended })
     }
 
     /// Returns the presses, in the order of the plan.

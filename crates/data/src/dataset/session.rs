@@ -1,6 +1,6 @@
 //! Origin of a run and the programs that measured it, as recorded in its journal.
 
-use super::{Fingerprint, RunColumns};
+use super::{Fingerprint, RunColumns, SeriesMark};
 use crate::recipe::Plan;
 use palpate_control::Strategy;
 use palpate_core::quantity::shown;
@@ -284,6 +284,9 @@ pub struct SessionEnd {
     /// Error of the load cell that a weight showed after the run, in one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell_off: Option<String>,
+    /// File of readings at the end; `None` if none are kept. The folder sets this field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub series: Option<SeriesMark>,
 }
 
 /// Whether a value is false. Serde requires the reference.

@@ -9,7 +9,7 @@ use super::loss::lost;
 use super::manifest::MANIFEST;
 use super::press::{csv_header, csv_line};
 use super::views::{PRESSES, TABLES, write};
-use super::{DatasetError, Fingerprint, Journal, JournalError, Loss, Manifest, Record, files};
+use super::{DatasetError, Fingerprint, Journal, JournalError, Loss, Manifest, Record, files, series};
 use palpate_core::quantity::ArrayLayout;
 use std::collections::HashSet;
 use std::hash::{BuildHasher, RandomState};
@@ -76,6 +76,7 @@ pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, Dat
         return Ok(verified);
     }
     verified.problems.extend(lost(path, &known)?);
+    verified.problems.extend(series::problems(path, verified.has_ended)?);
     if !verified.has_ended {
         verified.problems.extend(stray_lines(path, layout, &known)?);
         return Ok(verified);

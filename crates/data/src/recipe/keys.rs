@@ -1,7 +1,7 @@
 //! Keys of a recipe, table by table.
 
 use super::accept::accept as accept_keys;
-use super::{Checks, GridOrder, Manner, PRESSES_CEILING, Phase};
+use super::{Checks, GridOrder, Manner, PRESSES_CEILING, Phase, SeriesScope};
 use palpate_control::Strategy;
 use palpate_document::{Bounds, keys, words};
 use palpate_solver::{BEST, SOLVERS};
@@ -31,6 +31,11 @@ pub(super) const ORDERS: [(&str, GridOrder); 2] =
     [(GridOrder::Raster.name(), GridOrder::Raster), (GridOrder::Interleaved.name(), GridOrder::Interleaved)];
 pub(super) const CHECKS: [(&str, Checks); 3] =
     [(Checks::End.name(), Checks::End), (Checks::Between.name(), Checks::Between), (Checks::None.name(), Checks::None)];
+pub(super) const SCOPES: [(&str, SeriesScope); 3] = [
+    (SeriesScope::None.name(), SeriesScope::None),
+    (SeriesScope::Window.name(), SeriesScope::Window),
+    (SeriesScope::Press.name(), SeriesScope::Press),
+];
 pub(super) const STRATEGIES: [(&str, Strategy); 3] = [
     (Strategy::Guarded.name(), Strategy::Guarded),
     (Strategy::Velocity.name(), Strategy::Velocity),
@@ -57,6 +62,7 @@ keys! {
         checks: Word(&words(&CHECKS)), or_word(Checks::End.name()),
             "when the first large-force press is repeated, to check load cell and sensor: only after the last press, also between presses, or never",
             "\"between\"";
+        record: Table(&record::KEYS), Allowed, "what is kept of a press beside the means of its windows";
         evaluate: Table(&evaluate::KEYS), Allowed, "evaluate the run when it is complete";
         accept: Either(&[Table(&accept_keys::KEYS), Text]), Allowed,
             "the acceptance rule, or the name of a file in the recipe's folder that holds it; without it there is no verdict",
@@ -77,6 +83,15 @@ keys! {
         strategy: Word(&words(&STRATEGIES)), or_word(Manner::PAPER.strategy.name()), "strategy that reaches the force", "\"map\"";
         sample_after_s: Number(DWELL), Allowed,
             "time from contact to the start of the window; without it, the window starts when the force is within the tolerance", "2.0";
+    }
+}
+
+keys! {
+    /// `[record]`
+    record {
+        series: Word(&words(&SCOPES)), or_word(SeriesScope::None.name()),
+            "readings that are kept, each with its time: none, those of the windows, or those of the whole press; needs a build with the feature `files`",
+            "\"press\"";
     }
 }
 

@@ -14,7 +14,7 @@ pub use accept::{Accept, parse_rule};
 pub use parse::parse;
 pub use plan::{Ground, Plan};
 pub use step::UnitChoice;
-pub use step::{Checks, GridOrder, Manner, PRESSES_CEILING, Phase, Places, Step, StepLoad};
+pub use step::{Checks, GridOrder, Manner, PRESSES_CEILING, Phase, Places, SeriesScope, Step, StepLoad};
 pub use training::Entry;
 
 use crate::acceptance::AcceptanceRule;
@@ -47,6 +47,8 @@ pub struct Recipe {
     pub rig: Option<String>,
     /// When places are checked.
     pub checks: Checks,
+    /// Which readings are kept.
+    pub series: SeriesScope,
     /// Acceptance rule; `None`: no verdict.
     pub accept: Option<Accept>,
     /// Largest number of presses.
@@ -58,17 +60,18 @@ pub struct Recipe {
 }
 
 impl Recipe {
-    /// Creates a recipe that isn't in a file. It has no checks.
+    /// Creates a recipe that isn't in a file. It has no checks and keeps no readings.
     pub fn new(name: &str, steps: Vec<Step>) -> Recipe {
         let name = name.to_owned();
         let (file, text) = (name.clone(), name.clone()); // the text that a problem shows
-        let (solvers, checks) = (Vec::new(), Checks::None);
+        let (solvers, checks, series) = (Vec::new(), Checks::None, SeriesScope::None);
         Recipe {
             name,
             steps,
             solvers,
             rig: None,
             checks,
+            series,
             accept: None,
             presses_max: PRESSES_MAX,
             file,

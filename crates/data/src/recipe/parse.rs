@@ -1,8 +1,8 @@
 //! Parsing of a recipe's text into a [`Recipe`].
 
 use super::accept::{Accept, read_rule};
-use super::keys::{self, cells, drag, evaluate, grid, list, press, random, root, staircase, step};
-use super::{Checks, KEYS, Manner, PRESSES_MAX, Phase, Places, Recipe, Step, StepLoad, UnitChoice};
+use super::keys::{self, cells, drag, evaluate, grid, list, press, random, record, root, staircase, step};
+use super::{Checks, KEYS, Manner, PRESSES_MAX, Phase, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice};
 use palpate_control::Drag;
 use palpate_core::quantity::round;
 use palpate_document::{self as document, Key, Problem, Problems, Table};
@@ -39,6 +39,9 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         let solvers: Vec<String> = solvers.unwrap_or_default().into_iter().map(str::to_owned).collect();
         let rig = table.text(&root::rig).map(str::to_owned);
         let checks = table.word_or(&root::checks, &keys::CHECKS, Checks::default());
+        let series = table
+            .table(&root::record)
+            .map_or(Some(SeriesScope::None), |table| table.word_or(&record::series, &keys::SCOPES, SeriesScope::None));
         let accept = read_accept(table);
         let tables = table.tables(&root::step);
         if tables.is_empty() && !table.is_table(&root::step) {
@@ -60,8 +63,20 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
             }
         }
         let (name, file, text) = (name?.to_owned(), file.to_owned(), text.to_owned());
-        let (checks, accept, presses_max) = (checks?, accept?, PRESSES_MAX);
-        Some(Recipe { name, steps: steps?, solvers, rig, checks, accept, presses_max, file, text, rule_file: None })
+        let (checks, series, accept, presses_max) = (checks?, series?, accept?, PRESSES_MAX);
+        Some(Recipe {
+            name,
+            steps: steps?,
+            solvers,
+            rig,
+            checks,
+            series,
+            accept,
+            presses_max,
+            file,
+            text,
+            rule_file: None,
+        })
     })
 }
 

@@ -1,9 +1,9 @@
 //! The presses of a recipe.
 
 use super::accept::force_limits;
-use super::keys::{press, root};
+use super::keys::{press, record, root};
 use super::training::{Entry, training};
-use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, Step, StepLoad, UnitChoice};
+use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice};
 use palpate_control::{DEPTH_MARGIN_MM, Drag, DragLimits, PressLevel, PressTask, SetPoint, Strategy};
 use palpate_core::quantity::{
     ArrayLayout, Axis, Frame, Limits, Place, Range, StageAbilities, Travel, cell_centres, round, stream,
@@ -23,6 +23,8 @@ pub struct Plan {
     pub entries: Vec<Entry>,
     /// When places are checked in addition to these presses.
     pub checks: Checks,
+    /// Which readings are kept.
+    pub series: SeriesScope,
 }
 
 /// Data that a plan is checked against.
@@ -65,6 +67,7 @@ impl Plan {
                 None => problems.extend(force_limits(&recipe.text, Some(root::accept.name))),
             }
         }
+        problems.extend(recipe.unkept_series(ground));
         for (index, step) in recipe.steps.iter().enumerate() {
             check_force(step, ground, &mut problems);
             check_depth(step, ground, &mut problems);
@@ -92,7 +95,7 @@ impl Plan {
             steps.into_iter().for_each(|step| entries.extend(step)); // each step's own are freed on the way
             // a check compares forces
             let checks = if ground.unforced_mm.is_none() { recipe.checks } else { Checks::None };
-            Ok(Plan { name: recipe.name.clone(), seed, entries, checks })
+            Ok(Plan { name: recipe.name.clone(), seed, entries, checks, series: recipe.series })
         } else {
             Err(Problems::new(&recipe.file, &recipe.text, problems))
         }
@@ -126,6 +129,24 @@ impl Recipe {
         let places = [root::press, root::step].map(|table| positions(&self.text, &[table.name, press::strategy.name]));
         let text = "a rig without a load cell has no strategy: no force is followed";
         places.into_iter().flatten().map(move |place| Problem::new(place, text).help("remove `strategy`"))
+    }
+
+    /// Returns a problem if readings can't be kept: they are a file of Arrow, and relative to a reading of the load cell without load.
+    fn unkept_series(&self, ground: &Ground) -> Option<Problem> {
+        let (text, help) = match self.series {
+            SeriesScope::None => return None,
+            _ if cfg!(not(feature = "files")) => (
+                "`series` needs the feature `files`, which this program was built without",
+                "install it with `cargo install --path . --features files`, in the program's repository, or remove `series`",
+            ),
+            _ if ground.unforced_mm.is_some() => (
+                "`series` needs a load cell, and this rig has none",
+                "remove `series`: without a load cell, a press is one row of means",
+            ),
+            _ => return None,
+        };
+        let place = positions(&self.text, &[root::record.name, record::series.name]).pop().unwrap_or(0..0);
+        Some(Problem::new(place, text).help(help))
     }
 
     /// Returns the problem of too many presses. This step is the first one above the limit.

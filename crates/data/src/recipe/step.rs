@@ -61,6 +61,29 @@ impl Checks {
     }
 }
 
+/// Which readings of a press a run keeps beside the means.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SeriesScope {
+    /// None.
+    #[default]
+    None,
+    /// Those of its windows.
+    Window,
+    /// All, from the reading without load before the press to the one after it.
+    Press,
+}
+
+impl SeriesScope {
+    /// Name in a recipe.
+    pub const fn name(self) -> &'static str {
+        match self {
+            SeriesScope::None => "none",
+            SeriesScope::Window => "window",
+            SeriesScope::Press => "press",
+        }
+    }
+}
+
 /// One `[[step]]`.
 #[derive(Clone, Debug)]
 pub struct Step {

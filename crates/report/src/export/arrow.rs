@@ -58,15 +58,23 @@ pub fn batch(frame: ExportTable, schema: SchemaRef) -> io::Result<RecordBatch> {
     RecordBatch::try_new(schema, arrays).map_err(io::Error::other)
 }
 
-/// Writes a frame as a file of Arrow.
+/// Writes frames with the columns of `like` as a file of Arrow, a batch for each.
 ///
 /// # Errors
-/// An error of the operating system.
-pub(crate) fn write_ipc(frame: ExportTable, manifest: &str, out: impl Write) -> io::Result<()> {
+/// An error of a frame or of the operating system.
+pub(crate) fn write_ipc(
+    like: &ExportTable,
+    frames: impl IntoIterator<Item = io::Result<ExportTable>>,
+    manifest: &str,
+    out: impl Write,
+) -> io::Result<()> {
     let metadata = HashMap::from([(MANIFEST.to_owned(), manifest.to_owned())]);
-    let schema = Arc::new(schema(&frame).with_metadata(metadata));
+    let schema = Arc::new(schema(like).with_metadata(metadata));
     let mut writer = FileWriter::try_new_buffered(out, &schema).map_err(io::Error::other)?;
-    writer.write(&batch(frame, schema)?).and_then(|()| writer.finish()).map_err(io::Error::other)
+    for frame in frames {
+        writer.write(&batch(frame?, schema.clone())?).map_err(io::Error::other)?;
+    }
+    writer.finish().map_err(io::Error::other)
 }
 
 /// A file of Parquet that is written piece by piece.

@@ -21,6 +21,8 @@ pub enum ExportFormat {
     Npz,
     /// All tables in one MAT file (v5) for MATLAB, Octave and scipy
     Mat,
+    /// All tables in one HDF5 file
+    Hdf5,
     /// A sensor file as C99, for a controller
     C,
 }
@@ -45,13 +47,14 @@ impl ExportFormat {
             ExportFormat::Arrow => "arrow",
             ExportFormat::Npz => "npz",
             ExportFormat::Mat => "mat",
+            ExportFormat::Hdf5 => "h5",
             ExportFormat::C => "c",
         }
     }
 
     /// Whether all tables of a run are in one file.
     pub fn is_one_file(self) -> bool {
-        matches!(self, ExportFormat::Npz | ExportFormat::Mat)
+        matches!(self, ExportFormat::Npz | ExportFormat::Mat | ExportFormat::Hdf5)
     }
 
     /// Checks that this program was built with the format.
@@ -109,13 +112,14 @@ fn put(
     match format {
         ExportFormat::Npz => super::npz::write(&frames, manifest, out).map(drop),
         ExportFormat::Mat => super::mat::write(&frames, &json, out),
+        ExportFormat::Hdf5 => super::hdf5::write(&frames, &json, out),
         _ => frames.into_iter().try_for_each(|frame| match format {
             ExportFormat::Parquet => {
                 let mut file = super::arrow::ParquetFile::new(&mut *out, &frame, Some(&json))?;
                 file.add(frame)?;
                 file.finish(&json).map(drop)
             }
-            ExportFormat::Arrow => super::arrow::write_ipc(frame, &json, &mut *out),
+            ExportFormat::Arrow => super::arrow::write_ipc(&frame, [Ok(frame.clone())], &json, &mut *out),
             _ => out.write_all(csv::text(&frame).as_bytes()),
         }),
     }

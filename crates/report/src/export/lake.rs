@@ -1,11 +1,12 @@
 //! A lake: the tables of many runs as Parquet files, in folders by design, batch and sensor.
 //!
-//! `presses/design=D/batch=B/sensor=S/RUN.parquet`, and the same for `runs`, `verdicts`, `errors` and `characteristics`. RUN is
+//! `presses/design=D/batch=B/sensor=S/RUN.parquet`, and the same for `runs`, `verdicts`, `errors`, `characteristics` and `series`. RUN is
 //! computed from the beginning of the run's journal, so it is the same wherever the run's folder is. Each file is written in the
 //! lake's folder of drafts, synced, and appears by one rename. The presses appear last.
 
 use super::arrow::ParquetFile;
 use super::frame::{self, ExportTable};
+use super::series::{SERIES, SeriesTables};
 use super::{BenchError, bench_of, rows};
 use miette::Diagnostic;
 use palpate_core::quantity::hexadecimal;
@@ -25,7 +26,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Tables of a lake in the order in which a run's files appear.
-pub const TABLES: [&str; 5] = ["runs", "characteristics", "errors", "verdicts", PRESSES];
+pub const TABLES: [&str; 6] = ["runs", "characteristics", "errors", "verdicts", SERIES, PRESSES];
 const PRESSES: &str = "presses";
 
 /// File that marks a lake, and is locked while a program writes to it.
@@ -148,6 +149,7 @@ impl Lake {
         let id = run_id(&recorded.manifest);
         let draft = draft.map_or_else(|| PressesDraft::new(self.draft(PRESSES), &bench, &recorded.manifest), Ok)?;
         draft.finish(&recorded)?;
+        self.draft_series(&recorded, &id)?;
         let mut frames = vec![rows::run(&recorded, &bench, &id, presses)];
         let held = Presses::of_presses(&run.display().to_string(), held);
         frames.extend(frame::characteristics_of(&held, &bench.layout).map(|frame| rows::of_run(frame, &id)));
@@ -174,7 +176,11 @@ impl Lake {
         }
         for table in TABLES {
             let folder = self.folder.join(table).join(&partition);
-            let is_there = table == PRESSES || frames.iter().any(|frame| frame.name == table);
+            let is_there = match table {
+                PRESSES => true,
+                SERIES => run.series.is_some(),
+                _ => frames.iter().any(|frame| frame.name == table),
+            };
             let earlier = self.places.remove(&(table, OsString::from(&file))).unwrap_or_default();
             // a reader that finds a run twice would count it twice; one that misses it finds it next time
             for stray in earlier.iter().filter(|place| !is_there || **place != folder).map(|place| place.join(&file)) {
@@ -193,6 +199,20 @@ impl Lake {
             }
         }
         Ok(format!("{presses} presses at {}", self.folder.join(PRESSES).join(partition).join(file).display()))
+    }
+
+    /// Writes the readings of a run to their draft, if it has any.
+    fn draft_series(&self, run: &Recorded, id: &str) -> Result<(), LakeError> {
+        let Some(tables) = SeriesTables::of(run)? else { return Ok(()) };
+        let path = self.draft(SERIES);
+        let failed = |why| DatasetError::io("writing", &path)(why);
+        let like = rows::of_run(tables.like(), id);
+        let mut file = new_draft(&path).and_then(|out| ParquetFile::new(out, &like, None)).map_err(failed)?;
+        for table in tables {
+            file.add(rows::of_run(table?, id)).map_err(failed)?;
+        }
+        file.finish(&frame::manifest(run)).and_then(synced).map_err(failed)?;
+        Ok(())
     }
 
     fn draft(&self, table: &str) -> PathBuf {

@@ -10,6 +10,8 @@ pub(crate) mod csv;
 mod format;
 pub mod frame;
 #[cfg(feature = "files")]
+mod hdf5;
+#[cfg(feature = "files")]
 pub mod lake;
 #[cfg(feature = "files")]
 mod mat;
@@ -17,6 +19,8 @@ mod mat;
 mod npz;
 #[cfg(feature = "files")]
 mod rows;
+#[cfg(feature = "files")]
+mod series;
 
 pub use bench::{BenchError, bench_of};
 pub use c::NoC;
@@ -24,3 +28,5 @@ pub use c::c_file;
 pub use format::{ExportFormat, NotBuilt, write_file, write_tables};
 #[cfg(feature = "files")]
 pub use rows::of_run;
+#[cfg(feature = "files")]
+pub use series::add_series;

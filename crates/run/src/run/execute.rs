@@ -6,6 +6,7 @@ use super::clock::RunClock;
 use super::past::{Past, felt};
 use super::ready::{Conditions, Ready, make_ready, take_zero};
 use super::rig_control::AnyRigControl;
+use super::series::SeriesRecorder;
 use super::without_cell::execute_without_cell;
 use super::{Cancel, Halt, Remaining};
 use crate::rig::{OpenRig, RigSpec};
@@ -116,7 +117,10 @@ async fn execute_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener
     let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: past.first_zero_n };
     let mut ending = Ending::parked();
     match make_ready(rig, &conditions).await {
-        Ok(Ready { rig_control, devices, reaction, zero }) => {
+        Ok(Ready { mut rig_control, devices, reaction, zero }) => {
+            if let Some(queue) = ledger.series() {
+                rig_control.record(SeriesRecorder::new(plan.series, queue, clock));
+            }
             let permit = permit(&rig_control, spec, &reaction);
             let (map, response) =
                 (ContactMap::new(spec.frame.uncertainty_mm), LearnedOutputs::new(spec.array.layout.pitch_mm()));
@@ -190,7 +194,7 @@ impl Ending {
     pub fn end(&self, ended: String, wall_s: f64) -> SessionEnd {
         let (status, failure) = (self.status(), self.text());
         let cell_off = self.cell.as_ref().and_then(CellAfter::problem);
-        SessionEnd { status, t_s: self.t_s, ended, wall_s, failure, cell_unchecked: false, cell_off }
+        SessionEnd { status, t_s: self.t_s, ended, wall_s, failure, cell_unchecked: false, cell_off, series: None }
     }
 
     /// Returns the problem in words; `None` if there was no problem or a person stopped the run.
@@ -309,7 +313,10 @@ impl Runner<'_> {
             self.pressing = Some(entry.press);
             self.listener.begins(entry);
             let next = left.front().map(|next| next.place);
-            let contact = self.press(entry, next).await?;
+            let series = self.rig_control.series.clone();
+            series.iter().for_each(|series| series.begin(entry.press));
+            let mut contact = self.press(entry, next).await?;
+            contact.series = series.map(|series| series.end()).transpose()?;
             if let Some((felt, _)) = felt(&contact) {
                 self.response.take(self.with_noise(felt))?;
             }

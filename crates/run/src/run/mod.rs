@@ -23,6 +23,7 @@ mod press;
 mod ready;
 mod retraction;
 mod rig_control;
+mod series;
 mod shift;
 mod shown;
 mod unforced_motion;

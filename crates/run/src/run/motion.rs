@@ -289,6 +289,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let at_mm = at_mm.unwrap_or(f64::NAN);
         self.check_arrival(Axis::Z, at_mm, target_mm).await?;
         let has_steps = self.usage.steps.along(Axis::Z) > 0.0;
+        self.series.iter().for_each(|series| series.height(self.frame.z_from_stage(at_mm)));
         self.z_mm = self.frame.z_from_stage(if has_steps { at_mm } else { target_mm });
         Ok(())
     }
@@ -299,6 +300,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let stage = &mut self.stage;
         let look = pin!(async { Ok(stage.position_mm(Axis::Z, &orders).await?) });
         let at_mm = watched(&mut self.cell, look, &orders, &due, |_, _| Steer::On).await?;
+        self.series.iter().for_each(|series| series.height(self.frame.z_from_stage(at_mm)));
         self.z_mm = self.frame.z_from_stage(at_mm);
         Ok(())
     }

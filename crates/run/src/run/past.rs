@@ -162,7 +162,7 @@ mod tests {
     use super::*;
     use palpate_control::{PressTask, Strategy};
     use palpate_data::dataset::Memory;
-    use palpate_data::recipe::{Checks, Entry, Phase};
+    use palpate_data::recipe::{Checks, Entry, Phase, SeriesScope};
 
     fn contact(press: u64, learned_contact: LearnedContact) -> Record {
         let left = Some(Left { z_mm: -0.2 - press as f64 });
@@ -192,7 +192,13 @@ mod tests {
             },
             rest_after_s: 0.0,
         };
-        Plan { name: "p".to_owned(), seed: 1, entries: (0..).zip(places).map(entry).collect(), checks: Checks::None }
+        Plan {
+            name: "p".to_owned(),
+            seed: 1,
+            entries: (0..).zip(places).map(entry).collect(),
+            checks: Checks::None,
+            series: SeriesScope::None,
+        }
     }
 
     fn touch(x_mm: f64, y_mm: f64) -> LearnedContact {

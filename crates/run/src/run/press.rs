@@ -140,6 +140,7 @@ impl Runner<'_> {
             no_load_before: before,
             no_load_after: after,
             left,
+            series: None,
         })
     }
 

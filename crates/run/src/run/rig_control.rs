@@ -1,6 +1,7 @@
 //! The instruments in use.
 
 use super::no_load_outputs::NoLoadOutputs;
+use super::series::{Recorded, SeriesRecorder};
 use super::window::OutputMeans;
 use super::{Cancel, Halt};
 use crate::rig::{AdjustedCell, ArraySpec, GroundTruth};
@@ -13,6 +14,7 @@ use palpate_link::time::{Instant, sleep, sleep_until};
 use palpate_link::wire::Claims;
 use std::cmp::Ordering::{Equal, Less};
 use std::collections::VecDeque;
+use std::rc::Rc;
 use std::time::Duration;
 use tokio::sync::Notify;
 
@@ -48,7 +50,9 @@ pub(super) const OUTPUTS_ON_THE_WAY: u32 = 20;
 pub(super) struct RigControl<'a, S, C, A> {
     pub stage: S,
     pub cell: WatchedLoadCell<'a, C>,
-    pub array: A,
+    pub array: Recorded<A>,
+    /// Recorder of the readings of presses, if they are kept.
+    pub series: Option<Rc<SeriesRecorder>>,
     pub frame: Frame,
     pub usage: StageUse,
     pub timing: Timing,
@@ -74,7 +78,7 @@ pub(super) struct RigControl<'a, S, C, A> {
 
 /// Load cell with its watch, read no faster than it converts.
 pub(super) struct WatchedLoadCell<'a, C> {
-    pub cell: C,
+    pub cell: Recorded<C>,
     pub watch: Watch,
     pub cancel: &'a Cancel,
     /// Called for every force, to show it to a person.
@@ -103,7 +107,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         let now = Instant::now();
         let no_load = NoLoadForces::default();
         WatchedLoadCell {
-            cell,
+            cell: Recorded::new(cell),
             watch,
             cancel,
             shown,
@@ -119,6 +123,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
     /// Waits until the cell's next conversion is due.
     pub(super) async fn due(&mut self) -> Result<(), Halt> {
         self.cancel.check()?;
+        self.cell.series.as_ref().map_or(Ok(()), |series| series.check())?;
         let now = Instant::now();
         if self.next > now {
             sleep_until(self.next).await;
@@ -364,7 +369,8 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
         RigControl {
             stage,
             cell,
-            array,
+            array: Recorded::new(array),
+            series: None,
             frame,
             usage,
             timing,
@@ -379,6 +385,13 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
             pressed,
             _claims: claims,
         }
+    }
+
+    /// Keeps the readings of presses.
+    pub(super) fn record(&mut self, series: SeriesRecorder) {
+        let series = Some(Rc::new(series));
+        (self.cell.cell.series, self.array.series) = (series.clone(), series.clone());
+        self.series = series;
     }
 
     /// Treats the readings from now on as air.
@@ -454,6 +467,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
     /// Makes forces and outputs relative to this air.
     pub(super) fn count_from(&mut self, no_load: &NoLoad) {
         self.cell.watch.count_from(&no_load.force);
+        self.series.iter().for_each(|series| series.count_from(no_load));
         self.no_load.clone_from(&no_load.outputs);
     }
 }

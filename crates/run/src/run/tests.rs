@@ -216,7 +216,7 @@ async fn retraction_stops_where_the_force_rises() {
     for (forces_n, rises) in [((1.0, 0.0), false), ((-1.0, 0.0), false), ((0.0, 0.5), true), ((1.0, 1.5), true)] {
         let (text, cancel) = (RefCell::default(), Cancel::default());
         let mut rig_control = rig_control(&text, &cancel, forces_n);
-        rig_control.cell.cell.until_s = 0.6; // half-way: the stage takes 0.4 s to report rest, and as long to retract
+        rig_control.cell.cell.device.until_s = 0.6; // half-way: the stage takes 0.4 s to report rest, and as long to retract
         let retracted = rig_control.retract(-0.3).await;
         if rises {
             assert_eq!(rule(retracted), SafetyRule::ForceRose, "{forces_n:?}");

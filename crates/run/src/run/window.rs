@@ -113,6 +113,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let seconds = if has_mains { self.cell.whole_s(seconds) + 2.0 * self.timing.conversion_s } else { seconds };
         let until = began + Duration::from_secs_f64(seconds);
         self.truth.open_window();
+        self.series.iter().for_each(|series| series.window(true));
         let mut means = OutputMeans::default();
         let (mut saturated, mut late) = (false, false);
         // the cell shows a force later, by its lag: these readings belong to the time of the outputs
@@ -151,6 +152,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             outputs
         };
         let (force, outputs) = tokio::join!(forces, outputs);
+        self.series.iter().for_each(|series| series.window(false));
         let (force, side_n) = force?;
         outputs?;
         let Mean { value: force_n, middle_s, readings: forces } =

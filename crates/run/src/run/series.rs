@@ -1,0 +1,180 @@
+//! Readings of a press, kept as the devices return them.
+//!
+//! The recorder stands between the force loop and the devices. It changes neither what is read nor when.
+
+use super::Halt;
+use super::clock::RunClock;
+use palpate_core::quantity::{ForceReading, Identity};
+use palpate_data::dataset::{DatasetError, NoLoad, ReadValue, Reading, Readings, SeriesError, SeriesMark, SeriesQueue};
+use palpate_data::recipe::SeriesScope;
+use palpate_link::device::{DeviceError, LoadCell, SensorArray};
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::time::Duration;
+
+/// Number of values after which the readings of a long press go to the disk before it ends: 2 MB.
+const PIECE: usize = 1 << 18;
+
+/// Recorder of the readings of one press after another.
+pub(super) struct SeriesRecorder {
+    scope: SeriesScope,
+    queue: SeriesQueue,
+    clock: RunClock,
+    pressing: RefCell<Pressing>,
+}
+
+/// Readings of the press under way.
+#[derive(Default)]
+struct Pressing {
+    readings: Readings,
+    /// Number of values in them.
+    values: usize,
+    /// Whether a press is under way, and whether a window is.
+    in_press: bool,
+    in_window: bool,
+    /// What forces and outputs count from; `None` until it was read.
+    no_load: Option<NoLoad>,
+    /// Least difference of our time and the load cell's.
+    origin_s: Option<f64>,
+    failed: Option<SeriesError>,
+}
+
+impl SeriesRecorder {
+    /// Creates a recorder that adds readings to a queue. `clock` counts from the start of the run.
+    pub(super) fn new(scope: SeriesScope, queue: SeriesQueue, clock: RunClock) -> Self {
+        SeriesRecorder { scope, queue, clock, pressing: RefCell::default() }
+    }
+
+    /// Begins a press.
+    pub(super) fn begin(&self, press: u64) {
+        let mut pressing = self.pressing.borrow_mut();
+        let origin_s = pressing.origin_s;
+        let readings = Readings { press, rows: Vec::new() };
+        *pressing = Pressing { readings, in_press: true, origin_s, ..Pressing::default() };
+    }
+
+    /// Makes further readings relative to these readings without load.
+    pub(super) fn count_from(&self, no_load: &NoLoad) {
+        self.pressing.borrow_mut().no_load = Some(no_load.clone());
+    }
+
+    /// Begins or ends a window.
+    pub(super) fn window(&self, is_open: bool) {
+        self.pressing.borrow_mut().in_window = is_open;
+    }
+
+    /// Ends a press: waits until its readings are on the disk, and returns what the journal states about them.
+    pub(super) fn end(&self) -> Result<SeriesMark, Halt> {
+        let mut pressing = self.pressing.borrow_mut();
+        pressing.in_press = false;
+        pressing.send(&self.queue);
+        let sent = pressing.failed.take().map_or(Ok(()), Err);
+        sent.and_then(|()| self.queue.mark()).map_err(|error| DatasetError::from(error).into())
+    }
+
+    /// Returns the error that ends a press before its end: more readings wait for the disk than may.
+    pub(super) fn check(&self) -> Result<(), Halt> {
+        let failed = self.pressing.borrow_mut().failed.take();
+        failed.map_or(Ok(()), |error| Err(DatasetError::from(error).into()))
+    }
+
+    fn force(&self, reading: &ForceReading) {
+        let t_s = self.clock.now_s();
+        let mut pressing = self.pressing.borrow_mut();
+        let difference_s = t_s - reading.at_s;
+        let origin_s = pressing.origin_s.map_or(difference_s, |known_s| known_s.min(difference_s));
+        pressing.origin_s = Some(origin_s);
+        let value = ReadValue::Force { force_n: reading.force_n, side_n: reading.side_n };
+        self.add(pressing, Reading { t_s, taken_s: Some(reading.at_s + origin_s), value });
+    }
+
+    fn outputs(&self, outputs: &[f64]) {
+        let value = ReadValue::Outputs(outputs.to_vec());
+        self.add(self.pressing.borrow_mut(), Reading { t_s: self.clock.now_s(), taken_s: None, value });
+    }
+
+    /// Adds z, read back, mm in the specimen frame.
+    pub(super) fn height(&self, z_mm: f64) {
+        let value = ReadValue::Height(z_mm);
+        self.add(self.pressing.borrow_mut(), Reading { t_s: self.clock.now_s(), taken_s: None, value });
+    }
+
+    fn add(&self, mut pressing: std::cell::RefMut<'_, Pressing>, reading: Reading) {
+        let is_kept = match self.scope {
+            SeriesScope::None => false,
+            SeriesScope::Window => pressing.in_window,
+            SeriesScope::Press => pressing.in_press,
+        };
+        if !is_kept {
+            return;
+        }
+        pressing.values += reading.values();
+        pressing.readings.rows.push(reading);
+        if pressing.values >= PIECE && pressing.no_load.is_some() {
+            pressing.send(&self.queue);
+        }
+    }
+}
+
+impl Pressing {
+    /// Hands the readings so far to the disk, relative to those without load.
+    fn send(&mut self, queue: &SeriesQueue) {
+        let press = self.readings.press;
+        self.values = 0;
+        let mut readings = std::mem::replace(&mut self.readings, Readings { press, rows: Vec::new() });
+        if let Some(no_load) = &self.no_load {
+            readings.rows.iter_mut().for_each(|reading| reading.value.count_from(no_load));
+        }
+        if !readings.rows.is_empty() && self.failed.is_none() {
+            self.failed = queue.add(readings).err();
+        }
+    }
+}
+
+/// Device whose readings may be kept.
+pub(super) struct Recorded<D> {
+    pub device: D,
+    pub series: Option<Rc<SeriesRecorder>>,
+}
+
+impl<D> Recorded<D> {
+    pub(super) fn new(device: D) -> Self {
+        Recorded { device, series: None }
+    }
+}
+
+impl<C: LoadCell> LoadCell for Recorded<C> {
+    async fn prepare(&mut self) -> Result<Identity, DeviceError> {
+        self.device.prepare().await
+    }
+
+    fn forget_timing(&mut self) {
+        self.device.forget_timing();
+    }
+
+    async fn read(&mut self) -> Result<ForceReading, DeviceError> {
+        let reading = self.device.read().await?;
+        self.series.iter().for_each(|series| series.force(&reading));
+        Ok(reading)
+    }
+
+    fn conversion(&self) -> Duration {
+        self.device.conversion()
+    }
+}
+
+impl<A: SensorArray> SensorArray for Recorded<A> {
+    async fn prepare(&mut self) -> Result<Identity, DeviceError> {
+        self.device.prepare().await
+    }
+
+    async fn read(&mut self, outputs: &mut [f64]) -> Result<(), DeviceError> {
+        self.device.read(outputs).await?;
+        self.series.iter().for_each(|series| series.outputs(outputs));
+        Ok(())
+    }
+
+    fn units(&self) -> usize {
+        self.device.units()
+    }
+}
