@@ -1,4 +1,4 @@
-//! The promises of `docs/explanation/promises.md`: each has a number, and `docs/reference/tests.md` names tests of it that exist.
+//! The promises of `docs/explanation/promises.md`: each has a number, and `tests/house/promises.md` names tests of it that exist.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -20,7 +20,7 @@ fn every_promise_has_tests_that_exist() {
     };
     let promised: BTreeSet<usize> =
         numbered("docs/explanation/promises.md").into_iter().map(|(number, _)| number).collect();
-    let tested = numbered("docs/reference/tests.md");
+    let tested = numbered("tests/house/promises.md");
     assert_eq!(promised, tested.iter().map(|(number, _)| *number).collect());
     assert!(promised.len() >= PROMISES_LEAST, "{} promises", promised.len());
     for (number, cell) in tested {

@@ -62,7 +62,7 @@ keys! {
         checks: Word(&words(&CHECKS)), or_word(Checks::End.name()),
             "when the first large-force press is repeated, to check load cell and sensor: only after the last press, also between presses, or never",
             "\"between\"";
-        record: Table(&record::KEYS), Allowed, "what is kept of a press beside the means of its windows";
+        record: Table(&record::KEYS), Allowed, "what is kept of a press in addition to the means of its windows";
         evaluate: Table(&evaluate::KEYS), Allowed, "evaluate the run when it is complete";
         accept: Either(&[Table(&accept_keys::KEYS), Text]), Allowed,
             "the acceptance rule, or the name of a file in the recipe's folder that holds it; without it there is no verdict",

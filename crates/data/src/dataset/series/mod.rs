@@ -41,7 +41,7 @@ pub struct Readings {
 pub struct Reading {
     /// Time at which the answer arrived, s since the run's start.
     pub t_s: f64,
-    /// Time at which the device took the reading, s since the run's start; `None` if such a device tells no time.
+    /// Time at which the device took the reading, s since the run's start; `None` if the device reports no time.
     pub taken_s: Option<f64>,
     /// What was read.
     pub value: ReadValue,
@@ -93,7 +93,7 @@ pub fn series_columns(channels: usize, three_axes: bool, unit: &str) -> Vec<Seri
         ("t_s", "Time at which the answer arrived, s since the run's start."),
         (
             "taken_s",
-            "Time at which the load cell took the reading, s since the run's start, if it tells it; otherwise t_s.",
+            "Time at which the load cell took the reading, s since the run's start, if it reports it; otherwise t_s.",
         ),
         ("z_mm", "Indenter read back along the specimen's normal, mm; positive into the specimen."),
         ("force_n", "Force, N, relative to the reading without load before the press; pressing positive."),
