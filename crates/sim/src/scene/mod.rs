@@ -6,6 +6,7 @@
 
 mod backlash;
 mod contact;
+mod creep;
 mod faults;
 mod friction;
 mod load_cell;
@@ -15,9 +16,12 @@ mod spec;
 mod spots;
 mod surface;
 mod taxels;
+mod temperature;
 mod truth;
+mod wear;
 mod weight;
 
+pub use creep::CreepBranch;
 pub use faults::{FaultKind, SceneFault};
 pub use friction::Friction;
 pub use motion::Trajectory;
@@ -28,10 +32,13 @@ pub use spec::{
     ContactLaw, Edges, Latencies, LoadCellScene, Mounting, RelaxationBranch, Relief, SceneDevice, SceneSpec, Servo,
     SideAxes, Sine, Spikes, Stiffness, Surroundings,
 };
+pub use temperature::Temperature;
 pub use truth::Truth;
+pub use wear::Wear;
 
 use backlash::Backlash;
 use contact::ContactState;
+use creep::{CreepState, advance_in_pieces};
 use faults::SceneFaults;
 use friction::FrictionState;
 use load_cell::LoadCellState;
@@ -39,8 +46,9 @@ use palpate_core::quantity::{Axis, Place, RandomStream, stream};
 use rand::RngExt;
 use spots::SpotMap;
 use surface::Surface;
-use taxels::TaxelState;
+use taxels::{TaxelState, TaxelTerms};
 use truth::Witness;
+use wear::WearState;
 use weight::Weight;
 
 /// Wavelengths of the smooth part of a stiffness map, mm.
@@ -76,6 +84,7 @@ pub struct Scene {
     weight: Weight,
     friction: Option<(Friction, FrictionState)>,
     taxels: TaxelState,
+    temperature: Option<Temperature>,
     latency: [RandomStream; 3],
     faults: SceneFaults,
     witness: Witness,
@@ -122,10 +131,19 @@ impl Scene {
                 spec.relaxation,
                 spec.load_cell.and_then(|cell| cell.stiffness_n_mm),
             ),
-            load_cell: LoadCellState::new(spec.load_cell, setting.conversions_hz),
+            load_cell: LoadCellState::new(spec.load_cell, spec.temperature, setting.conversions_hz),
             weight: Weight::default(),
             friction: spec.friction.map(|friction| (friction, FrictionState::default())),
-            taxels: TaxelState::new(Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, specimen)),
+            taxels: TaxelState::new(
+                Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, specimen),
+                TaxelTerms {
+                    creep: CreepState::new(&spec.taxel_creep, spec.taxel_lag_s, setting.layout.len()),
+                    temperature: spec.temperature,
+                    wear: spec.wear.map(WearState::new),
+                    baseline: spec.skin.taxels.baseline,
+                },
+            ),
+            temperature: spec.temperature,
             latency: SceneDevice::ALL.map(|device| stream(seed, 0, device.name())),
             setting: Surroundings { latencies: spec.latencies, ..setting },
             faults: SceneFaults::new(spec.faults),
@@ -198,12 +216,17 @@ impl Scene {
     pub fn outputs(&mut self, now_s: f64, outputs: &mut [f64]) {
         self.advance(now_s);
         let [x_n, y_n] = self.friction_n();
-        self.taxels.outputs([x_n, y_n, self.contact.force_n()], self.place(now_s), outputs);
+        self.taxels.outputs([x_n, y_n, self.contact.force_n()], self.place(now_s), now_s, outputs);
     }
 
     /// Number of outputs of the array: one for each channel of each taxel.
     pub fn taxels(&self) -> usize {
         self.setting.layout.len()
+    }
+
+    /// Temperature at `now_s`, degrees Celsius; `None` if the scene doesn't name one.
+    pub fn temperature_c(&self, now_s: f64) -> Option<f64> {
+        self.temperature.map(|temperature| temperature.at_c(now_s))
     }
 
     /// Time that a device needs for its next request, received at `now_s`, s; `None` if it never acts on the request.
@@ -314,9 +337,19 @@ impl Scene {
             self.faults.next_s(self.now_s),
             self.weight.next_s(),
             self.witness.next_knot(self.now_s),
+            self.creep_knot_s(),
         ];
         let knots = self.axes.iter().filter_map(|axis| axis.next_knot(self.now_s)).chain(others);
         knots.filter(|&knot_s| knot_s > self.now_s).fold(to_s, f64::min)
+    }
+
+    /// Latest time at which the scene must stop so that creep and lag of the taxels follow their load, s.
+    fn creep_knot_s(&self) -> f64 {
+        if !self.taxels.creeps() {
+            return f64::INFINITY;
+        }
+        let rests_s = self.axes.iter().map(Trajectory::end_s).fold(f64::NEG_INFINITY, f64::max);
+        CreepState::next_knot(self.now_s, rests_s, self.contact.touching())
     }
 
     /// Advances over one stretch in which all axes keep their accelerations, so the depth is a quadratic function of time. Local
@@ -343,7 +376,11 @@ impl Scene {
         if !was_touching {
             self.lay_under_the_tip(place);
         }
-        self.contact.advance(depth, dt_s);
+        let sideways_before_n = self.friction_n();
+        let pieces = self.taxels.creeps().then(|| advance_in_pieces(&mut self.contact, depth, dt_s));
+        if pieces.is_none() {
+            self.contact.advance(depth, dt_s);
+        }
         let (touching, after_n) = (self.contact.touching(), self.contact.force_n());
         if touching && !was_touching {
             self.taxels.touch();
@@ -359,6 +396,16 @@ impl Scene {
             self.load_cell.press_sideways(friction_n);
             let side_n = [0, 1].map(|axis| per_force[axis] * after_n * cosine + friction_n[axis]);
             self.witness.press(side_n, after_n * cosine);
+        }
+        if let Some(pieces) = pieces {
+            let (from_s, sideways_n) = (self.now_s, self.friction_n());
+            self.taxels.creep(&pieces, |after_s, force_n| {
+                let part = |axis: usize| {
+                    sideways_before_n[axis] + (sideways_n[axis] - sideways_before_n[axis]) * after_s / dt_s
+                };
+                let [x, y, _] = self.axes.each_ref().map(|axis| axis.position_mm(from_s + after_s));
+                ([part(0), part(1), force_n], self.setting.frame.place_from_stage(x, y))
+            });
         }
         self.witness.follow(dt_s, before_n, after_n);
         let sideways = [x, y].iter().any(|&(_, speed, acceleration)| speed != 0.0 || acceleration != 0.0);

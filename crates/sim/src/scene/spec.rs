@@ -1,8 +1,11 @@
 //! Physical terms of a scene, and its surroundings.
 
+use super::creep::CreepBranch;
 use super::faults::SceneFault;
 use super::friction::Friction;
 use super::skin::SkinSpec;
+use super::temperature::Temperature;
+use super::wear::Wear;
 use palpate_core::quantity::{ArrayLayout, Frame, GRAVITY_M_S2, Place, Position, Tilt};
 use std::f64::consts::TAU;
 
@@ -11,6 +14,15 @@ use std::f64::consts::TAU;
 pub struct SceneSpec {
     /// Readings of the taxels.
     pub skin: SkinSpec,
+    /// Slow change of the taxels' outputs under a load; empty: none.
+    pub taxel_creep: Vec<CreepBranch>,
+    /// Time constant with which the taxels' outputs follow their load, s; `None`: at once. It differs from those of the creep, which
+    /// follows the lagged load.
+    pub taxel_lag_s: Option<f64>,
+    /// Change of the taxels by each contact; `None`: no change.
+    pub wear: Option<Wear>,
+    /// Temperature and its effects; `None`: no effects.
+    pub temperature: Option<Temperature>,
     /// Relaxed force as a function of depth.
     pub contact: ContactLaw,
     /// Additional force after a sudden load, and its decay.
@@ -49,6 +61,10 @@ impl SceneSpec {
     pub fn of(skin: SkinSpec, contact: ContactLaw) -> Self {
         SceneSpec {
             skin,
+            taxel_creep: Vec::new(),
+            taxel_lag_s: None,
+            wear: None,
+            temperature: None,
             contact,
             relaxation: Vec::new(),
             mounting: None,
