@@ -56,7 +56,7 @@ keys! {
         temperature: Table(&temperature::KEYS), Allowed, "temperature over time, and its effects";
         converter: Table(&converter::KEYS), Allowed, "resolution and range of the converter";
         contact: Table(&contact::KEYS), Refused, "relaxed force as a function of depth";
-        relaxation: Tables(&relaxation::KEYS), Allowed, "additional force after a sudden load, and its decay";
+        relaxation: Tables(&relaxation::KEYS), Allowed, "additional force after a sudden load, and its decay: the creep of the specimen";
         friction: Table(&friction::KEYS), Allowed, "friction between tip and specimen; without it none";
         mounting: Table(&mounting::KEYS), Allowed, "true position of the specimen relative to the rig's [frame]";
         surface: Table(&surface::KEYS), Allowed, "shape of the surface; without it flat and level";

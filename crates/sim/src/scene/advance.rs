@@ -30,7 +30,7 @@ impl Scene {
 
     /// Returns the next instant at which an axis changes its acceleration, a fault begins, or the load cell or the window needs
     /// the force. It is at most `to_s`.
-    fn next_knot(&self, to_s: f64) -> f64 {
+    pub(super) fn next_knot(&self, to_s: f64) -> f64 {
         let z = &self.axes[Axis::Z.index()];
         let engages_s =
             self.backlash.as_ref().map_or(f64::INFINITY, |backlash| backlash.engages_in_s(z.state(self.now_s)));

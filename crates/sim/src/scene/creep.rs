@@ -1,31 +1,23 @@
 //! Creep and lag of the taxels: a load that stays changes the output slowly, and the output follows a load late.
 //!
 //! Lag and creep are linear, so their chain is a weighted sum of first-order followers of the load, side by side: `y' = (load - y) / T`.
-//! Within a piece the load is a parabola through three values, under which a follower advances in closed form.
+//! Within a piece of time the load is a parabola through three values, under which a follower advances in closed form.
 
 use super::contact::ContactState;
 use super::skin::Skin;
+use super::spec::RelaxationBranch;
 use super::surface::Depth;
 use palpate_core::quantity::Place;
 
-/// Longest piece of a motion, s. A parabola through three of its forces misses them by less than 1 nN at 10 mm/s.
+/// Longest piece of a motion, s. A parabola through three of its forces changes the output by less than 1 nN at 10 mm/s.
 const STRETCH_S: f64 = 0.002;
 
-/// Longest piece of a rest, as a share of the time since the motion ended. After that time only slow branches of the contact's
-/// relaxation are left, of which a parabola misses less than 1 nN too.
+/// Longest piece of a rest, as a share of the time since the motion ended. Only slow branches of the contact's relaxation are left
+/// then, so a parabola is as good.
 const GROWTH: f64 = 0.005;
 
 /// Number of times that a piece is halved to find when the force begins or ends. The rest is 1e-12 of the piece.
 const HALVINGS: usize = 40;
-
-/// One branch of the taxels' creep. Under a load that stays, the output grows by `share` of its load output.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CreepBranch {
-    /// Change of the output after a long time, as a share of the output without creep, 1; negative if the output falls.
-    pub share: f64,
-    /// Time constant, s.
-    pub time_s: f64,
-}
 
 /// Force at the beginning, the middle and the end of a piece of time in which the contact keeps its law.
 pub(super) struct ForcePiece {
@@ -55,23 +47,23 @@ struct Follower {
 impl CreepState {
     /// Creates the memory of unloaded taxels; `None` if there is neither creep nor lag. The time constant of each branch differs
     /// from the lag.
-    pub(super) fn new(branches: &[CreepBranch], lag_s: Option<f64>, channels: usize) -> Option<CreepState> {
+    pub(super) fn new(branches: &[RelaxationBranch], lag_s: Option<f64>, channels: usize) -> Option<CreepState> {
         if branches.is_empty() && lag_s.is_none() {
             return None;
         }
         // 1 / (1 + lag s) (1 + sum of share / (1 + time s)) in partial fractions
-        let time_of_lag_s = lag_s.unwrap_or(0.0);
-        let apart = |branch: &CreepBranch| branch.share / (branch.time_s - time_of_lag_s);
-        let of_lag = 1.0 - branches.iter().map(|branch| apart(branch) * time_of_lag_s).sum::<f64>();
-        let lag = lag_s.map(|time_s| (time_s, of_lag));
-        let creep = branches.iter().map(|branch| (branch.time_s, apart(branch) * branch.time_s));
+        let after_lag_s = |branch: &RelaxationBranch| branch.time_s - lag_s.unwrap_or(0.0);
+        let lag = lag_s.map(|lag_s| {
+            let parts = branches.iter().map(|branch| branch.share * lag_s / after_lag_s(branch));
+            (lag_s, 1.0 - parts.sum::<f64>())
+        });
+        let creep = branches.iter().map(|branch| (branch.time_s, branch.share * branch.time_s / after_lag_s(branch)));
+        let values = vec![0.0; channels];
         let followers = lag.into_iter().chain(creep);
         Some(CreepState {
             direct: if lag_s.is_some() { 0.0 } else { 1.0 },
-            followers: followers
-                .map(|(time_s, weight)| Follower { time_s, weight, values: vec![0.0; channels] })
-                .collect(),
-            loads: [(); 3].map(|()| vec![0.0; channels]),
+            loads: [(); 3].map(|()| values.clone()),
+            followers: followers.map(|(time_s, weight)| Follower { time_s, weight, values: values.clone() }).collect(),
         })
     }
 
@@ -124,12 +116,12 @@ impl CreepState {
 pub(super) fn advance_in_pieces(contact: &mut ContactState, depth: Depth, dt_s: f64) -> Vec<ForcePiece> {
     let (mut from_s, mut pieces) = (0.0, Vec::new());
     for law_end_s in contact.law_ends(&depth, dt_s) {
-        if law_end_s == from_s {
+        if law_end_s <= from_s {
             continue;
         }
         let turn_s = from_s + force_turns_in_s(contact, depth.later(from_s), law_end_s - from_s);
-        for end_s in [turn_s, law_end_s] {
-            if end_s == from_s {
+        for end_s in [turn_s.min(law_end_s), law_end_s] {
+            if end_s <= from_s {
                 continue;
             }
             let half_s = (end_s - from_s) / 2.0;
@@ -171,42 +163,15 @@ fn weights(x: f64) -> [f64; 3] {
     [whole - 3.0 * first + 2.0 * second, 4.0 * (first - second), 2.0 * second - first]
 }
 
-/// Integrals of `x exp(-x (1 - u)) u^k` over u from 0 to 1, for k = 0, 1 and 2. Each follows from the next; that direction keeps all
-/// digits of a short piece, the other one those of a long piece.
+/// Integrals of `x exp(-x (1 - u)) u^k` over u from 0 to 1, for k = 0, 1 and 2. One follows from the next: backward for a short piece,
+/// forward for a long one, so no digits are lost.
 fn moments(x: f64) -> [f64; 3] {
-    if x >= 1.0 {
-        let whole = -(-x).exp_m1();
-        let first = 1.0 - whole / x;
-        return [whole, first, 1.0 - 2.0 * first / x];
+    if x < 1.0 {
+        let second = (3..20).rev().fold(0.0, |next, k| x * (1.0 - next) / f64::from(k));
+        let first = x * (1.0 - second) / 2.0;
+        return [x * (1.0 - first), first, second];
     }
-    let mut term = x / 3.0;
-    let mut second = term;
-    for j in 4..20 {
-        term *= -x / f64::from(j);
-        second += term;
-    }
-    let first = x * (1.0 - second) / 2.0;
-    [x * (1.0 - first), first, second]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn moments_agree_where_their_ways_meet() {
-        let (below, above) = (moments(1.0 - 1e-15), moments(1.0));
-        assert!(below.iter().zip(above).all(|(below, above)| (below - above).abs() < 1e-14), "{below:?} {above:?}");
-        let [whole, first, second] = moments(1e-6);
-        assert!((whole / 1e-6 - 1.0 + 5e-7).abs() < 1e-12);
-        assert!((first / 5e-7 - 1.0).abs() < 1e-6 && (second * 3e6 - 1.0).abs() < 1e-6);
-    }
-
-    #[test]
-    fn an_even_load_takes_one_step_however_long() {
-        for x in [1e-7, 0.3, 1.0, 40.0] {
-            let sum: f64 = weights(x).iter().sum();
-            assert!((sum / -(-x).exp_m1() - 1.0).abs() < 1e-12, "{x}");
-        }
-    }
+    let whole = -(-x).exp_m1();
+    let first = 1.0 - whole / x;
+    [whole, first, 1.0 - 2.0 * first / x]
 }

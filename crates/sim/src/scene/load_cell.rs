@@ -46,7 +46,7 @@ pub(super) struct LoadCellState {
 
 impl LoadCellState {
     pub(super) fn new(spec: Option<LoadCellScene>, temperature: Option<Temperature>, conversions_hz: f64) -> Self {
-        // with a temperature, a cell without other imperfections is one too
+        // a perfect cell gets warm too
         let spec = spec.or(temperature.map(|_| LoadCellScene::IDEAL));
         let unloaded_n = spec.map_or(0.0, |cell| cell.tool_n(0.0));
         LoadCellState {
@@ -173,10 +173,9 @@ impl LoadCellState {
         {
             return side_n;
         }
-        let cell = self.spec.unwrap_or_default();
+        let cell = self.cell_at(conversion);
         let is_dead = faults.any(FaultKind::NoSensor, now_s);
         let [x_n, y_n, acts_n] = self.acts_n(per_force, hung_n);
-        let gain = self.gain(&cell, conversion);
         let [x_n, y_n] = [x_n + cell.crosstalk * (y_n + acts_n), y_n + cell.crosstalk * (x_n + acts_n)];
         let felt = match cell.side_axes {
             SideAxes::AsStated => [x_n, y_n],
@@ -186,33 +185,36 @@ impl LoadCellState {
         };
         let read_n = felt.map(|true_n| {
             let noise: f64 = StandardNormal.sample(&mut self.side_rng);
-            if is_dead { cell.noise_n * noise } else { gain * true_n + cell.noise_n * noise }
+            if is_dead { cell.noise_n * noise } else { cell.gain * true_n + cell.noise_n * noise }
         });
         self.side = Some((conversion, read_n));
         read_n
     }
 
     fn sound(&mut self, conversion: u64, held_n: f64) -> f64 {
-        match self.spec {
-            None => held_n,
-            Some(cell) => {
-                self.gain(&cell, conversion) * held_n + self.no_load_n(&cell, conversion) + cell.noise_n * self.draw()
-            }
+        if self.spec.is_none() {
+            return held_n;
         }
+        let cell = self.cell_at(conversion);
+        cell.gain * held_n + self.no_load_n(&cell, conversion) + cell.noise_n * self.draw()
+    }
+
+    /// The cell at the temperature of a conversion.
+    fn cell_at(&self, conversion: u64) -> LoadCellScene {
+        let cell = self.spec.unwrap_or_default();
+        self.temperature.map_or(cell, |temperature| temperature.of_load_cell(cell, self.at_s(conversion)))
+    }
+
+    /// Time of a conversion, s.
+    fn at_s(&self, conversion: u64) -> f64 {
+        self.began_s + conversion as f64 / self.conversions_hz
     }
 
     /// Reading of a conversion without a force, N, minus the white noise.
     fn no_load_n(&mut self, cell: &LoadCellScene, conversion: u64) -> f64 {
         let at_s = self.at_s(conversion);
         let waves_n: f64 = cell.slow_drift.iter().chain(&cell.mains).map(|wave| wave.at(at_s)).sum();
-        let zero_n = cell.offset_n + cell.drift_n_s * at_s + waves_n + self.filtered_n(cell, conversion);
-        self.temperature.map_or(zero_n, |temperature| zero_n + temperature.of_load_cell(at_s).1)
-    }
-
-    /// Reading of a conversion for a force of one newton, N.
-    fn gain(&self, cell: &LoadCellScene, conversion: u64) -> f64 {
-        let warm = self.temperature.map(|temperature| temperature.of_load_cell(self.at_s(conversion)).0);
-        warm.map_or(cell.gain, |warm| warm * cell.gain)
+        cell.offset_n + cell.drift_n_s * at_s + waves_n + self.filtered_n(cell, conversion)
     }
 
     /// Noise that enters before the low-pass, so that neighbouring conversions share part of it.
@@ -230,7 +232,7 @@ impl LoadCellState {
     }
 
     fn faulty(&mut self, conversion: u64, held_n: f64, now_s: f64, faults: &SceneFaults) -> f64 {
-        let cell = self.spec.unwrap_or_default();
+        let cell = self.cell_at(conversion);
         let share = match (faults.any(FaultKind::NoSensor, now_s), faults.any(FaultKind::WrongSign, now_s)) {
             (true, _) => 0.0,
             (false, true) => -1.0,
@@ -239,7 +241,7 @@ impl LoadCellState {
         let zero_n = self.no_load_n(&cell, conversion) + faults.values(FaultKind::DriftedZero, now_s).sum::<f64>();
         let noise_n = cell.noise_n * faults.values(FaultKind::Noisy, now_s).product::<f64>();
         let most_n = faults.values(FaultKind::Saturated, now_s).fold(f64::INFINITY, f64::min);
-        (share * self.gain(&cell, conversion) * held_n + zero_n + noise_n * self.draw()).min(most_n)
+        (share * cell.gain * held_n + zero_n + noise_n * self.draw()).min(most_n)
     }
 
     fn draw(&mut self) -> f64 {
@@ -248,11 +250,6 @@ impl LoadCellState {
 
     fn newest(&self) -> u64 {
         self.held.back().map_or(0, |(conversion, _)| *conversion)
-    }
-
-    /// Time of a conversion, s.
-    fn at_s(&self, conversion: u64) -> f64 {
-        self.began_s + conversion as f64 / self.conversions_hz
     }
 
     /// Number of the conversion at a time. A small shift prevents a time computed as n / hz from being rounded down to conversion

@@ -19,10 +19,8 @@ mod surface;
 mod taxels;
 mod temperature;
 mod truth;
-mod wear;
 mod weight;
 
-pub use creep::CreepBranch;
 pub use faults::{FaultKind, SceneFault};
 pub use friction::Friction;
 pub use motion::Trajectory;
@@ -31,15 +29,13 @@ pub use skin::{
 };
 pub use spec::{
     ContactLaw, Edges, Latencies, LoadCellScene, Mounting, RelaxationBranch, Relief, SceneDevice, SceneSpec, Servo,
-    SideAxes, Sine, Spikes, Stiffness, Surroundings,
+    SideAxes, Sine, Spikes, Stiffness, Surroundings, Wear,
 };
 pub use temperature::Temperature;
 pub use truth::Truth;
-pub use wear::Wear;
 
 use backlash::Backlash;
 use contact::ContactState;
-use creep::CreepState;
 use faults::SceneFaults;
 use friction::FrictionState;
 use load_cell::LoadCellState;
@@ -47,9 +43,8 @@ use palpate_core::quantity::{Axis, Place, RandomStream, stream};
 use rand::RngExt;
 use spots::SpotMap;
 use surface::Surface;
-use taxels::{TaxelState, TaxelTerms};
+use taxels::TaxelState;
 use truth::Witness;
-use wear::WearState;
 use weight::Weight;
 
 /// Wavelengths of the smooth part of a stiffness map, mm.
@@ -113,6 +108,8 @@ impl Scene {
             let (smooth, white) = (stiffness.smooth_percent / 100.0, stiffness.white_percent / 100.0);
             SpotMap::new(smooth, STIFFNESS_WAVELENGTH_MM, white, ["stiffness", "stiffness of spots"], specimen)
         });
+        let skin = Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, specimen);
+        let taxels = TaxelState::new(skin, &spec);
         let mut scene = Scene {
             seed,
             now_s: 0.0,
@@ -132,15 +129,7 @@ impl Scene {
             load_cell: LoadCellState::new(spec.load_cell, spec.temperature, setting.conversions_hz),
             weight: Weight::default(),
             friction: spec.friction.map(|friction| (friction, FrictionState::default())),
-            taxels: TaxelState::new(
-                Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, specimen),
-                TaxelTerms {
-                    creep: CreepState::new(&spec.taxel_creep, spec.taxel_lag_s, setting.layout.len()),
-                    temperature: spec.temperature,
-                    wear: spec.wear.map(WearState::new),
-                    baseline: spec.skin.taxels.baseline,
-                },
-            ),
+            taxels,
             temperature: spec.temperature,
             latency: SceneDevice::ALL.map(|device| stream(seed, 0, device.name())),
             setting: Surroundings { latencies: spec.latencies, ..setting },

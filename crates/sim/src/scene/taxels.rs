@@ -2,37 +2,44 @@
 
 use super::creep::{CreepState, ForcePiece};
 use super::skin::Skin;
+use super::spec::{SceneSpec, Wear};
 use super::temperature::Temperature;
-use super::wear::WearState;
 use palpate_core::quantity::{Place, RandomStream, stream};
 
 /// Force reversal over which a taxel changes from its loading branch to its unloading branch, N. The transition is smooth at both
 /// ends. So the relaxation of a hold (some 2 % of the load) doesn't leave the branch.
 const CROSSING_N: f64 = 0.5;
 
-/// State of the taxels in a running scene: a skin with noise and hysteresis. The noise is one draw for each unit and contact.
+/// State of the taxels in a running scene: a skin with noise, hysteresis and the effects over time. The noise is one draw for each
+/// unit and contact.
 #[derive(Clone)]
 pub(super) struct TaxelState {
     skin: Skin,
+    /// Reading without load, before temperature and wear shift it.
+    baseline: f64,
     rng: RandomStream,
     /// Reversal of the force from loading, 0 to 1.
     reversal: f64,
-    terms: TaxelTerms,
-}
-
-/// Effects over time; each is `None` if the scene doesn't name it.
-#[derive(Clone)]
-pub(super) struct TaxelTerms {
-    pub(super) creep: Option<CreepState>,
-    pub(super) temperature: Option<Temperature>,
-    pub(super) wear: Option<WearState>,
-    /// Reading without load that temperature and wear shift, reading units.
-    pub(super) baseline: f64,
+    creep: Option<CreepState>,
+    temperature: Option<Temperature>,
+    wear: Option<Wear>,
+    /// Contacts since the rig was opened.
+    contacts: u64,
 }
 
 impl TaxelState {
-    pub(super) fn new(skin: Skin, terms: TaxelTerms) -> Self {
-        TaxelState { skin, rng: stream(0, 0, "taxel noise"), reversal: 0.0, terms }
+    /// Creates the taxels of a scene, whose skin this is, without load.
+    pub(super) fn new(skin: Skin, spec: &SceneSpec) -> Self {
+        TaxelState {
+            baseline: spec.skin.taxels.baseline,
+            rng: stream(0, 0, "taxel noise"),
+            reversal: 0.0,
+            creep: CreepState::new(&spec.taxel_creep, spec.taxel_lag_s, skin.len()),
+            temperature: spec.temperature,
+            wear: spec.wear,
+            contacts: 0,
+            skin,
+        }
     }
 
     pub(super) fn reseed(&mut self, rng: RandomStream) {
@@ -43,9 +50,7 @@ impl TaxelState {
     pub(super) fn touch(&mut self) {
         self.skin.draw_contact(&mut self.rng);
         self.reversal = 0.0;
-        if let Some(wear) = &mut self.terms.wear {
-            wear.touch();
-        }
+        self.contacts += 1;
     }
 
     /// Takes a change of the force from one value to another.
@@ -60,12 +65,12 @@ impl TaxelState {
 
     /// Whether the outputs depend on earlier loads.
     pub(super) fn creeps(&self) -> bool {
-        self.terms.creep.is_some()
+        self.creep.is_some()
     }
 
     /// Takes the load over a stretch of time, as [`CreepState::follow`] does.
     pub(super) fn creep(&mut self, pieces: &[ForcePiece], load_at: impl Fn(f64, f64) -> ([f64; 3], Place)) {
-        if let Some(creep) = &mut self.terms.creep {
+        if let Some(creep) = &mut self.creep {
             creep.follow(&self.skin, pieces, load_at);
         }
     }
@@ -75,13 +80,12 @@ impl TaxelState {
     pub(super) fn outputs(&mut self, force_n: [f64; 3], place: Place, now_s: f64, outputs: &mut [f64]) {
         outputs.fill(0.0);
         self.skin.add_force(force_n, place, outputs);
-        let TaxelTerms { creep, temperature, wear, baseline } = &self.terms;
-        if let Some(creep) = creep {
+        if let Some(creep) = &self.creep {
             creep.read_out(outputs);
         }
-        let warm = temperature.map(|temperature| temperature.of_taxels(now_s));
-        let worn = wear.map(|wear| wear.of_taxels());
-        let mut shifted = *baseline;
+        let warm = self.temperature.map(|temperature| temperature.of_taxels(now_s));
+        let worn = self.wear.map(|wear| wear.of_taxels(self.contacts));
+        let mut shifted = self.baseline;
         for (gain, zero) in warm.into_iter().chain(worn) {
             outputs.iter_mut().for_each(|output| *output *= gain);
             shifted += zero;
@@ -89,5 +93,13 @@ impl TaxelState {
         self.skin.set_baseline(shifted);
         let unloading = self.reversal * self.reversal * (3.0 - 2.0 * self.reversal);
         self.skin.read_out(unloading, outputs);
+    }
+}
+
+impl Wear {
+    /// Factor on the taxels' gains, and shift of their zeros, reading units.
+    fn of_taxels(&self, contacts: u64) -> (f64, f64) {
+        let contacts = contacts as f64;
+        ((1.0 + contacts * self.gain_per_press).max(0.0), contacts * self.zero_per_press)
     }
 }

@@ -1,6 +1,6 @@
 //! Temperature of a scene, and its effects on taxels and load cell.
 
-use super::spec::Sine;
+use super::spec::{LoadCellScene, Sine};
 
 /// Temperature as a function of time alone, and its effects. Each effect is proportional to the difference from `reference_c`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,9 +35,10 @@ impl Temperature {
         (1.0 + self.taxel_gain_per_c * warmer_c, self.taxel_zero_per_c * warmer_c)
     }
 
-    /// Factor on the load cell's gain, and shift of its zero, N.
-    pub(super) fn of_load_cell(&self, at_s: f64) -> (f64, f64) {
+    /// Returns the load cell at this temperature.
+    pub(super) fn of_load_cell(&self, cell: LoadCellScene, at_s: f64) -> LoadCellScene {
         let warmer_c = self.at_c(at_s) - self.reference_c;
-        (1.0 + self.load_cell_gain_per_c * warmer_c, self.load_cell_zero_n_per_c * warmer_c)
+        let gain = cell.gain * (1.0 + self.load_cell_gain_per_c * warmer_c);
+        LoadCellScene { gain, offset_n: cell.offset_n + self.load_cell_zero_n_per_c * warmer_c, ..cell }
     }
 }
