@@ -7,6 +7,7 @@ mod cli;
 mod data;
 mod import;
 mod output;
+mod over_time;
 mod protocols;
 mod refusals;
 mod shipped;

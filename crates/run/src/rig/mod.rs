@@ -14,6 +14,7 @@ mod family;
 mod keys;
 mod no_load_cell;
 mod open;
+mod over_time;
 mod parse;
 mod scene;
 mod scene_keys;

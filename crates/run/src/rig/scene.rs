@@ -1,5 +1,6 @@
 //! Reads a rig's `[scene]` into a [`SceneSpec`].
 
+use super::over_time::{read_creep, read_temperature, read_wear};
 use super::parse::read_tilt;
 use super::scene_keys::{
     SIDEWAYS, contact, fault, friction, latency_ms, load_cell, mounting, relaxation, scene, spikes, stage, stiffness,
@@ -30,6 +31,9 @@ pub(super) fn paper_scene(units: usize) -> Result<SceneSpec, Problems> {
 /// Reads `[scene]`. Each term exists only if it is named.
 pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpec> {
     let skin = read_skin(table, units);
+    let creep = read_creep(table);
+    let wear = document::optional(table.table(&scene::wear), read_wear);
+    let temperature = document::optional(table.table(&scene::temperature), read_temperature);
     let contact = table.table(&scene::contact).and_then(|table| {
         let [linear_n_mm, quadratic_n_mm2, toe_mm] =
             table.numbers([contact::linear_n_mm, contact::quadratic_n_mm2, contact::toe_mm])?;
@@ -62,7 +66,12 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
     let latencies = read_latencies(table.table(&scene::latency_ms).as_ref());
     let friction = document::optional(table.table(&scene::friction), read_friction);
     let faults = document::all(table.tables(&scene::fault).iter().map(read_fault));
+    let (taxel_creep, taxel_lag_s) = creep?;
     Some(SceneSpec {
+        taxel_creep,
+        taxel_lag_s,
+        wear: wear?,
+        temperature: temperature?,
         relaxation: relaxation?,
         friction: friction?,
         mounting,
@@ -124,7 +133,7 @@ fn read_fault(table: &Table) -> Option<SceneFault> {
 }
 
 /// Returns a wave; `None` if the amplitude is 0.
-fn wave(amplitude: f64, period_s: f64) -> Option<Sine> {
+pub(super) fn wave(amplitude: f64, period_s: f64) -> Option<Sine> {
     (amplitude > 0.0).then_some(Sine { amplitude, period_s })
 }
 

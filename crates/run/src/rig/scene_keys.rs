@@ -16,6 +16,9 @@ const FORCE: Bounds = Bounds::within(0.0, 100.0, "N");
 const OFFSET: Bounds = Bounds::within(-100.0, 100.0, "N");
 const LAG: Bounds = Bounds::within(0.0, 1000.0, "ms");
 const LATENCY: Bounds = Bounds::within(0.0, 10_000.0, "ms");
+const DEGREES: &str = "degrees Celsius";
+const TEMPERATURE: Bounds = Bounds::within(-100.0, 200.0, DEGREES);
+const PER_DEGREE: Bounds = Bounds::within(-1.0, 1.0, "1/degree");
 const PERCENT: Bounds = Bounds::within(0.0, 100.0, "%");
 /// Limits of reading units: 1 is the reading for 1 N directly above.
 const READING: Bounds = Bounds::within(-1000.0, 1000.0, "");
@@ -47,9 +50,13 @@ keys! {
         taxel_noise: Table(&taxel_noise::KEYS), Allowed, "random error that each contact adds to a unit's output";
         hysteresis: Table(&hysteresis::KEYS), Allowed, "difference of a unit's output between unloading and loading";
         taxel_fault: Tables(&taxel_fault::KEYS), Allowed, "broken units";
+        taxel_creep: Tables(&taxel_creep::KEYS), Allowed, "slow growth of a unit's output under a load; it acts after the lag";
+        taxel_lag_s: Number(above(0.0, 60.0, "s")), Allowed, "time constant with which a unit's output follows its load; without it, at once", "0.05";
+        wear: Table(&wear::KEYS), Allowed, "change of all units by each contact; a resumed run begins without wear";
+        temperature: Table(&temperature::KEYS), Allowed, "temperature over time, and its effects";
         converter: Table(&converter::KEYS), Allowed, "resolution and range of the converter";
         contact: Table(&contact::KEYS), Refused, "relaxed force as a function of depth";
-        relaxation: Tables(&relaxation::KEYS), Allowed, "additional force after a sudden load, and its decay";
+        relaxation: Tables(&relaxation::KEYS), Allowed, "additional force after a sudden load, and its decay: the creep of the specimen";
         friction: Table(&friction::KEYS), Allowed, "friction between tip and specimen; without it none";
         mounting: Table(&mounting::KEYS), Allowed, "true position of the specimen relative to the rig's [frame]";
         surface: Table(&surface::KEYS), Allowed, "shape of the surface; without it flat and level";
@@ -122,6 +129,37 @@ keys! {
         drifted {
             gain_percent: Number(within(-100.0, 1000.0, "%")), Refused, "factor on its output", "-10.0";
         }
+    }
+}
+
+keys! {
+    /// `[[scene.taxel_creep]]`
+    taxel_creep {
+        share: Number(within(-1.0, 10.0, "")), Refused, "growth of the output after a long time as a share; all shares add up to over -1", "0.2";
+        time_s: Number(TIME), Refused, "time of 63 % of it; at least twice `taxel_lag_s`", "30.0";
+    }
+}
+
+keys! {
+    /// `wear` of the scene.
+    wear {
+        gain_per_press: Number(within(-1.0, 1.0, "")), or(0.0), "change of the gain by each contact, as a share of the first gain", "-1e-5";
+        zero_per_press: Number(within(-1.0, 1.0, "")), or(0.0), "change of the output without a load by each contact", "2e-6";
+    }
+}
+
+keys! {
+    /// `temperature` of the scene.
+    temperature {
+        mean_c: Number(TEMPERATURE), Refused, "temperature when the rig is opened", "23.0";
+        amplitude_c: Number(within(0.0, 100.0, DEGREES)), or(0.0), "amplitude of a sine change over time", "2.0";
+        period_s: Number(TIME), or(3600.0), "period of this sine", "3600.0";
+        drift_c_h: Number(within(-100.0, 100.0, "degrees Celsius/h")), or(0.0), "drift rate", "0.5";
+        reference_c: Number(TEMPERATURE), Allowed, "temperature without effects; without it `mean_c`", "20.0";
+        taxel_zero_per_c: Number(within(-100.0, 100.0, "1/degree")), or(0.0), "change of all outputs without a load", "0.001";
+        taxel_gain_per_c: Number(PER_DEGREE), or(0.0), "change of all units' gains as a share", "-0.002";
+        load_cell_zero_n_per_c: Number(within(-10.0, 10.0, "N/degree")), or(0.0), "change of the load cell's reading without a load", "0.002";
+        load_cell_gain_per_c: Number(PER_DEGREE), or(0.0), "change of the load cell's gain as a share", "0.0005";
     }
 }
 

@@ -165,13 +165,8 @@ impl ContactState {
             self.settle(depth.after(dt_s));
             return;
         }
-        // the curve's law changes where the tip touches and where its toe ends
-        let mut ends = [dt_s; 5];
-        let changes = depth.crossings(0.0, dt_s).chain(depth.crossings(self.curve.toe_mm, dt_s));
-        ends.iter_mut().zip(changes).for_each(|(end, at_s)| *end = at_s);
-        ends.sort_by(f64::total_cmp);
         let mut from_s = 0.0;
-        for end_s in ends {
+        for end_s in self.law_ends(&depth, dt_s) {
             if end_s == from_s {
                 continue;
             }
@@ -182,6 +177,16 @@ impl ContactState {
             }
             from_s = end_s;
         }
+    }
+
+    /// Times at which the curve's law changes, where the tip touches and where its toe ends, then `dt_s`, s from now. A time may occur
+    /// more than once. A tip on an elastic support is later.
+    pub(super) fn law_ends(&self, depth: &Depth, dt_s: f64) -> [f64; 5] {
+        let mut ends = [dt_s; 5];
+        let changes = depth.crossings(0.0, dt_s).chain(depth.crossings(self.curve.toe_mm, dt_s));
+        ends.iter_mut().zip(changes).for_each(|(end, at_s)| *end = at_s);
+        ends.sort_by(f64::total_cmp);
+        ends
     }
 
     fn advance_moving(&mut self, depth: &Depth, from_s: f64, for_s: f64) {

@@ -2,6 +2,7 @@
 
 use super::faults::{FaultKind, SceneFaults};
 use super::spec::{LoadCellScene, SideAxes};
+use super::temperature::Temperature;
 use palpate_core::quantity::RandomStream;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
@@ -20,6 +21,7 @@ const MEMORY: f64 = 20.0;
 #[derive(Clone)]
 pub(super) struct LoadCellState {
     spec: Option<LoadCellScene>,
+    temperature: Option<Temperature>,
     conversions_hz: f64,
     transport_s: f64,
     /// Rate of the low-pass, 1/s.
@@ -43,10 +45,13 @@ pub(super) struct LoadCellState {
 }
 
 impl LoadCellState {
-    pub(super) fn new(spec: Option<LoadCellScene>, conversions_hz: f64) -> Self {
+    pub(super) fn new(spec: Option<LoadCellScene>, temperature: Option<Temperature>, conversions_hz: f64) -> Self {
+        // a perfect cell gets warm too
+        let spec = spec.or(temperature.map(|_| LoadCellScene::IDEAL));
         let unloaded_n = spec.map_or(0.0, |cell| cell.tool_n(0.0));
         LoadCellState {
             spec,
+            temperature,
             conversions_hz,
             transport_s: spec.map_or(0.0, |cell| cell.transport_s),
             low_pass: spec.and_then(|cell| cell.low_pass_hz).map(|hz| TAU * hz),
@@ -168,7 +173,7 @@ impl LoadCellState {
         {
             return side_n;
         }
-        let cell = self.spec.unwrap_or_default();
+        let cell = self.cell_at(conversion);
         let is_dead = faults.any(FaultKind::NoSensor, now_s);
         let [x_n, y_n, acts_n] = self.acts_n(per_force, hung_n);
         let [x_n, y_n] = [x_n + cell.crosstalk * (y_n + acts_n), y_n + cell.crosstalk * (x_n + acts_n)];
@@ -187,15 +192,27 @@ impl LoadCellState {
     }
 
     fn sound(&mut self, conversion: u64, held_n: f64) -> f64 {
-        match self.spec {
-            None => held_n,
-            Some(cell) => cell.gain * held_n + self.no_load_n(&cell, conversion) + cell.noise_n * self.draw(),
+        if self.spec.is_none() {
+            return held_n;
         }
+        let cell = self.cell_at(conversion);
+        cell.gain * held_n + self.no_load_n(&cell, conversion) + cell.noise_n * self.draw()
+    }
+
+    /// The cell at the temperature of a conversion.
+    fn cell_at(&self, conversion: u64) -> LoadCellScene {
+        let cell = self.spec.unwrap_or_default();
+        self.temperature.map_or(cell, |temperature| temperature.of_load_cell(cell, self.at_s(conversion)))
+    }
+
+    /// Time of a conversion, s.
+    fn at_s(&self, conversion: u64) -> f64 {
+        self.began_s + conversion as f64 / self.conversions_hz
     }
 
     /// Reading of a conversion without a force, N, minus the white noise.
     fn no_load_n(&mut self, cell: &LoadCellScene, conversion: u64) -> f64 {
-        let at_s = self.began_s + conversion as f64 / self.conversions_hz;
+        let at_s = self.at_s(conversion);
         let waves_n: f64 = cell.slow_drift.iter().chain(&cell.mains).map(|wave| wave.at(at_s)).sum();
         cell.offset_n + cell.drift_n_s * at_s + waves_n + self.filtered_n(cell, conversion)
     }
@@ -215,7 +232,7 @@ impl LoadCellState {
     }
 
     fn faulty(&mut self, conversion: u64, held_n: f64, now_s: f64, faults: &SceneFaults) -> f64 {
-        let cell = self.spec.unwrap_or_default();
+        let cell = self.cell_at(conversion);
         let share = match (faults.any(FaultKind::NoSensor, now_s), faults.any(FaultKind::WrongSign, now_s)) {
             (true, _) => 0.0,
             (false, true) => -1.0,

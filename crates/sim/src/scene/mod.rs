@@ -4,8 +4,10 @@
 //! changes. Terms that a [`SceneSpec`] doesn't name aren't computed. Emulators act on the scene: they set motions and read
 //! values.
 
+mod advance;
 mod backlash;
 mod contact;
+mod creep;
 mod faults;
 mod friction;
 mod load_cell;
@@ -15,6 +17,7 @@ mod spec;
 mod spots;
 mod surface;
 mod taxels;
+mod temperature;
 mod truth;
 mod weight;
 
@@ -26,8 +29,9 @@ pub use skin::{
 };
 pub use spec::{
     ContactLaw, Edges, Latencies, LoadCellScene, Mounting, RelaxationBranch, Relief, SceneDevice, SceneSpec, Servo,
-    SideAxes, Sine, Spikes, Stiffness, Surroundings,
+    SideAxes, Sine, Spikes, Stiffness, Surroundings, Wear,
 };
+pub use temperature::Temperature;
 pub use truth::Truth;
 
 use backlash::Backlash;
@@ -49,9 +53,6 @@ const STIFFNESS_WAVELENGTH_MM: (f64, f64) = (6.0, 12.0);
 /// Value added before rounding down to a step of the stage. The excess over one half is larger than the rounding of numbers. So a
 /// target midway between two steps always goes to the same side, and equal distances give equal numbers of steps.
 const HALF: f64 = 0.5 + 1e-6;
-
-/// Least factor of a stiffness map for the contact curve, because a normal draw has no bound.
-const SOFTEST: f64 = 0.1;
 
 /// A simulated specimen under a simulated indenter, at one moment. A copy continues independently.
 #[derive(Clone)]
@@ -76,6 +77,7 @@ pub struct Scene {
     weight: Weight,
     friction: Option<(Friction, FrictionState)>,
     taxels: TaxelState,
+    temperature: Option<Temperature>,
     latency: [RandomStream; 3],
     faults: SceneFaults,
     witness: Witness,
@@ -106,6 +108,8 @@ impl Scene {
             let (smooth, white) = (stiffness.smooth_percent / 100.0, stiffness.white_percent / 100.0);
             SpotMap::new(smooth, STIFFNESS_WAVELENGTH_MM, white, ["stiffness", "stiffness of spots"], specimen)
         });
+        let skin = Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, specimen);
+        let taxels = TaxelState::new(skin, &spec);
         let mut scene = Scene {
             seed,
             now_s: 0.0,
@@ -122,10 +126,11 @@ impl Scene {
                 spec.relaxation,
                 spec.load_cell.and_then(|cell| cell.stiffness_n_mm),
             ),
-            load_cell: LoadCellState::new(spec.load_cell, setting.conversions_hz),
+            load_cell: LoadCellState::new(spec.load_cell, spec.temperature, setting.conversions_hz),
             weight: Weight::default(),
             friction: spec.friction.map(|friction| (friction, FrictionState::default())),
-            taxels: TaxelState::new(Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, specimen)),
+            taxels,
+            temperature: spec.temperature,
             latency: SceneDevice::ALL.map(|device| stream(seed, 0, device.name())),
             setting: Surroundings { latencies: spec.latencies, ..setting },
             faults: SceneFaults::new(spec.faults),
@@ -198,12 +203,17 @@ impl Scene {
     pub fn outputs(&mut self, now_s: f64, outputs: &mut [f64]) {
         self.advance(now_s);
         let [x_n, y_n] = self.friction_n();
-        self.taxels.outputs([x_n, y_n, self.contact.force_n()], self.place(now_s), outputs);
+        self.taxels.outputs([x_n, y_n, self.contact.force_n()], self.place(now_s), now_s, outputs);
     }
 
     /// Number of outputs of the array: one for each channel of each taxel.
     pub fn taxels(&self) -> usize {
         self.setting.layout.len()
+    }
+
+    /// Temperature at `now_s`, degrees Celsius; `None` if the scene doesn't name one.
+    pub fn temperature_c(&self, now_s: f64) -> Option<f64> {
+        self.temperature.map(|temperature| temperature.at_c(now_s))
     }
 
     /// Time that a device needs for its next request, received at `now_s`, s; `None` if it never acts on the request.
@@ -283,113 +293,6 @@ impl Scene {
         let noise = ["load cell noise", "load cell noise sideways"].map(|name| stream(self.seed, press, name));
         self.load_cell.begin(noise, now_s);
         self.taxels.reseed(stream(self.seed, press, "taxel noise"));
-    }
-
-    /// Advances the physics to `to_s`. Stops at every instant at which something changes the laws of motion or contact.
-    fn advance(&mut self, to_s: f64) {
-        while self.now_s < to_s {
-            let until_s = self.next_knot(to_s);
-            self.advance_smooth(until_s);
-            self.strike(self.now_s, until_s);
-            self.now_s = until_s;
-            self.weight.strike(until_s);
-            self.load_cell.latch(self.now_s);
-        }
-    }
-
-    /// Force of the tip on the specimen by friction along x and y, N.
-    fn friction_n(&self) -> [f64; 2] {
-        self.friction.as_ref().map_or([0.0; 2], |(_, state)| state.force_n())
-    }
-
-    /// Returns the next instant at which an axis changes its acceleration, a fault begins, or the load cell or the window needs
-    /// the force. It is at most `to_s`.
-    fn next_knot(&self, to_s: f64) -> f64 {
-        let z = &self.axes[Axis::Z.index()];
-        let engages_s =
-            self.backlash.as_ref().map_or(f64::INFINITY, |backlash| backlash.engages_in_s(z.state(self.now_s)));
-        let others = [
-            self.now_s + engages_s,
-            self.load_cell.next_knot(self.now_s, to_s),
-            self.faults.next_s(self.now_s),
-            self.weight.next_s(),
-            self.witness.next_knot(self.now_s),
-        ];
-        let knots = self.axes.iter().filter_map(|axis| axis.next_knot(self.now_s)).chain(others);
-        knots.filter(|&knot_s| knot_s > self.now_s).fold(to_s, f64::min)
-    }
-
-    /// Advances over one stretch in which all axes keep their accelerations, so the depth is a quadratic function of time. Local
-    /// properties of the specimen are those at the place where the stretch begins, also in a drag.
-    fn advance_smooth(&mut self, until_s: f64) {
-        let dt_s = until_s - self.now_s;
-        let [x, y, z] = self.axes.each_ref().map(|axis| axis.state(self.now_s));
-        let z_acceleration_mm_s2 = z.2;
-        let z = self.backlash.as_mut().map_or(z, |backlash| backlash.follow(z, dt_s));
-        let place = self.setting.frame.place_from_stage(x.0, y.0);
-        let mut depth = self.surface.depth(x, y, z);
-        if let Some(wave) = self.surface_wave {
-            depth.mm -= wave.at(self.now_s);
-            depth.speed_mm_s -= wave.slope_at(self.now_s);
-        }
-        if let Some(relief) = &mut self.relief {
-            depth.mm -= relief.at(place);
-        }
-        depth.mm += self.faults.values(FaultKind::Risen, self.now_s).sum::<f64>();
-        let cosine = self.surface.cosine();
-        let depth = depth.times(cosine);
-        let was_touching = self.contact.touching();
-        let before_n = self.contact.force_n();
-        if !was_touching {
-            self.lay_under_the_tip(place);
-        }
-        self.contact.advance(depth, dt_s);
-        let (touching, after_n) = (self.contact.touching(), self.contact.force_n());
-        if touching && !was_touching {
-            self.taxels.touch();
-        }
-        self.taxels.follow(before_n, after_n, touching);
-        let [.., hung_z_n] = self.weight.force_n();
-        let hung_n = hung_z_n + self.load_cell.tool_n(z_acceleration_mm_s2 * self.setting.frame.down.sign());
-        self.load_cell.follow(dt_s, before_n * cosine + hung_n, after_n * cosine + hung_n);
-        if let Some((friction, state)) = &mut self.friction {
-            let [x, y, _] = self.axes.each_ref().map(|axis| axis.position_mm(until_s));
-            state.follow(friction, self.setting.frame.place_from_stage(x, y), after_n);
-            let (per_force, friction_n) = (self.surface.side_per_force(), state.force_n());
-            self.load_cell.press_sideways(friction_n);
-            let side_n = [0, 1].map(|axis| per_force[axis] * after_n * cosine + friction_n[axis]);
-            self.witness.press(side_n, after_n * cosine);
-        }
-        self.witness.follow(dt_s, before_n, after_n);
-        let sideways = [x, y].iter().any(|&(_, speed, acceleration)| speed != 0.0 || acceleration != 0.0);
-        if sideways && (touching || was_touching) {
-            self.witness.slide(self.place(until_s).distance_mm(place));
-        }
-    }
-
-    /// Sets the contact law for the place under the tip. The tip is without load, and will meet this place.
-    fn lay_under_the_tip(&mut self, place: Place) {
-        if let Some(linear_n_mm) = self.faults.values(FaultKind::HardContact, self.now_s).last() {
-            self.contact.will_meet(ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }, false);
-        } else if self.curve.more.is_some() || self.curve.edges.is_some() {
-            let more = self.curve.more.as_mut().map_or(0.0, |more| more.at(place));
-            let at_edge = self.curve.edges.map_or(0.0, |edges| edges.at(place));
-            let factor = (1.0 + more) * (1.0 + at_edge);
-            self.contact.will_meet(self.curve.nominal.times(factor.max(SOFTEST)), true);
-        }
-    }
-
-    /// Applies to the contact the faults that begin after `after_s` and at most at `now_s`.
-    fn strike(&mut self, after_s: f64, now_s: f64) {
-        for kind in self.faults.beginning(after_s, now_s) {
-            let before_n = self.contact.force_n();
-            match kind {
-                FaultKind::Slip => self.contact.slip(),
-                FaultKind::NoContact => self.contact.vanish(),
-                _ => continue,
-            }
-            self.taxels.follow(before_n, self.contact.force_n(), self.contact.touching());
-        }
     }
 
     fn place(&self, now_s: f64) -> Place {

@@ -3,6 +3,7 @@
 use super::faults::SceneFault;
 use super::friction::Friction;
 use super::skin::SkinSpec;
+use super::temperature::Temperature;
 use palpate_core::quantity::{ArrayLayout, Frame, GRAVITY_M_S2, Place, Position, Tilt};
 use std::f64::consts::TAU;
 
@@ -11,6 +12,16 @@ use std::f64::consts::TAU;
 pub struct SceneSpec {
     /// Readings of the taxels.
     pub skin: SkinSpec,
+    /// Slow change of the taxels' outputs: under a load that stays, each branch grows to `share` of the output without creep. A
+    /// negative share lets the output fall.
+    pub taxel_creep: Vec<RelaxationBranch>,
+    /// Time constant with which the taxels' outputs follow their load, s; `None`: at once. The creep follows the lagged load, and no
+    /// branch has this time constant.
+    pub taxel_lag_s: Option<f64>,
+    /// Change of the taxels by each contact; `None`: no change.
+    pub wear: Option<Wear>,
+    /// Temperature and its effects; `None`: no effects.
+    pub temperature: Option<Temperature>,
     /// Relaxed force as a function of depth.
     pub contact: ContactLaw,
     /// Additional force after a sudden load, and its decay.
@@ -49,6 +60,10 @@ impl SceneSpec {
     pub fn of(skin: SkinSpec, contact: ContactLaw) -> Self {
         SceneSpec {
             skin,
+            taxel_creep: Vec::new(),
+            taxel_lag_s: None,
+            wear: None,
+            temperature: None,
             contact,
             relaxation: Vec::new(),
             mounting: None,
@@ -91,6 +106,15 @@ pub struct RelaxationBranch {
     pub share: f64,
     /// Time constant, s.
     pub time_s: f64,
+}
+
+/// Change of every taxel by each contact, the first one included. A contact begins when the tip touches the specimen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wear {
+    /// Change of the gain, as a share of the gain without wear, 1 per contact. The gain falls to 0 at most.
+    pub gain_per_press: f64,
+    /// Change of the output, loaded or not, reading units per contact.
+    pub zero_per_press: f64,
 }
 
 /// Height of the surface over its plane; it belongs to the specimen.

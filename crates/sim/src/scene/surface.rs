@@ -75,6 +75,11 @@ impl Depth {
         }
     }
 
+    /// Returns the same motion, with its time counted from `dt_s` later.
+    pub(super) fn later(self, dt_s: f64) -> Depth {
+        Depth { mm: self.after(dt_s), speed_mm_s: self.speed_after(dt_s), ..self }
+    }
+
     pub(super) fn after(&self, dt_s: f64) -> f64 {
         self.mm + dt_s * (self.speed_mm_s + dt_s * self.acceleration_mm_s2 / 2.0)
     }

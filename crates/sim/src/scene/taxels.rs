@@ -1,24 +1,45 @@
-//! Hysteresis and relaxation of the taxels' readings.
+//! Readings of the taxels in a running scene: hysteresis, creep, and the effects of temperature and wear.
 
+use super::creep::{CreepState, ForcePiece};
 use super::skin::Skin;
+use super::spec::{SceneSpec, Wear};
+use super::temperature::Temperature;
 use palpate_core::quantity::{Place, RandomStream, stream};
 
 /// Force reversal over which a taxel changes from its loading branch to its unloading branch, N. The transition is smooth at both
 /// ends. So the relaxation of a hold (some 2 % of the load) doesn't leave the branch.
 const CROSSING_N: f64 = 0.5;
 
-/// State of the taxels in a running scene: a skin with noise and hysteresis. The noise is one draw for each unit and contact.
+/// State of the taxels in a running scene: a skin with noise, hysteresis and the effects over time. The noise is one draw for each
+/// unit and contact.
 #[derive(Clone)]
 pub(super) struct TaxelState {
     skin: Skin,
+    /// Reading without load, before temperature and wear shift it.
+    baseline: f64,
     rng: RandomStream,
     /// Reversal of the force from loading, 0 to 1.
     reversal: f64,
+    creep: Option<CreepState>,
+    temperature: Option<Temperature>,
+    wear: Option<Wear>,
+    /// Contacts since the rig was opened.
+    contacts: u64,
 }
 
 impl TaxelState {
-    pub(super) fn new(skin: Skin) -> Self {
-        TaxelState { skin, rng: stream(0, 0, "taxel noise"), reversal: 0.0 }
+    /// Creates the taxels of a scene, whose skin this is, without load.
+    pub(super) fn new(skin: Skin, spec: &SceneSpec) -> Self {
+        TaxelState {
+            baseline: spec.skin.taxels.baseline,
+            rng: stream(0, 0, "taxel noise"),
+            reversal: 0.0,
+            creep: CreepState::new(&spec.taxel_creep, spec.taxel_lag_s, skin.len()),
+            temperature: spec.temperature,
+            wear: spec.wear,
+            contacts: 0,
+            skin,
+        }
     }
 
     pub(super) fn reseed(&mut self, rng: RandomStream) {
@@ -29,6 +50,7 @@ impl TaxelState {
     pub(super) fn touch(&mut self) {
         self.skin.draw_contact(&mut self.rng);
         self.reversal = 0.0;
+        self.contacts += 1;
     }
 
     /// Takes a change of the force from one value to another.
@@ -41,12 +63,43 @@ impl TaxelState {
         }
     }
 
-    /// Writes the readings of the taxels under a force along x, y and into the specimen at `place`, reading units (1 = 1 N straight
-    /// above).
-    pub(super) fn outputs(&self, force_n: [f64; 3], place: Place, outputs: &mut [f64]) {
+    /// Whether the outputs depend on earlier loads.
+    pub(super) fn creeps(&self) -> bool {
+        self.creep.is_some()
+    }
+
+    /// Takes the load over a stretch of time, as [`CreepState::follow`] does.
+    pub(super) fn creep(&mut self, pieces: &[ForcePiece], load_at: impl Fn(f64, f64) -> ([f64; 3], Place)) {
+        if let Some(creep) = &mut self.creep {
+            creep.follow(&self.skin, pieces, load_at);
+        }
+    }
+
+    /// Writes the readings of the taxels at `now_s` under a force along x, y and into the specimen at `place`, reading units (1 = 1 N
+    /// straight above). Temperature and wear change the gain of the outputs that have crept.
+    pub(super) fn outputs(&mut self, force_n: [f64; 3], place: Place, now_s: f64, outputs: &mut [f64]) {
         outputs.fill(0.0);
         self.skin.add_force(force_n, place, outputs);
+        if let Some(creep) = &self.creep {
+            creep.read_out(outputs);
+        }
+        let warm = self.temperature.map(|temperature| temperature.of_taxels(now_s));
+        let worn = self.wear.map(|wear| wear.of_taxels(self.contacts));
+        let mut shifted = self.baseline;
+        for (gain, zero) in warm.into_iter().chain(worn) {
+            outputs.iter_mut().for_each(|output| *output *= gain);
+            shifted += zero;
+        }
+        self.skin.set_baseline(shifted);
         let unloading = self.reversal * self.reversal * (3.0 - 2.0 * self.reversal);
         self.skin.read_out(unloading, outputs);
+    }
+}
+
+impl Wear {
+    /// Factor on the taxels' gains, and shift of their zeros, reading units.
+    fn of_taxels(&self, contacts: u64) -> (f64, f64) {
+        let contacts = contacts as f64;
+        ((1.0 + contacts * self.gain_per_press).max(0.0), contacts * self.zero_per_press)
     }
 }

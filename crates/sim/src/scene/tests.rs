@@ -244,6 +244,7 @@ fn surface_is_within_its_tilt_and_follows_from_the_seed() {
 
 mod bench;
 mod faults;
+mod over_time;
 mod plant;
 
 #[test]

@@ -139,6 +139,11 @@ impl Skin {
         self.channels.is_empty()
     }
 
+    /// Sets the reading without load, reading units.
+    pub(super) fn set_baseline(&mut self, baseline: f64) {
+        self.baseline = baseline;
+    }
+
     /// Begins a new contact, which differs slightly from the last one. It takes one draw for each channel, then one more for each
     /// channel if there is a floor.
     pub fn draw_contact(&mut self, rng: &mut RandomStream) {
