@@ -47,6 +47,7 @@
 //! `prepared`. A [`Model`] is a fit with all data that a session needs. A sensor file stores it. [`Adapted`] makes a model from an
 //! older calibration and a few new presses (`adapt`).
 //! A [`Prior`] makes a model from few presses and the full calibrations of other sensors of the design (`prior`).
+//! A [`HistoryRegression`] solves the force of a series of readings, with memories of earlier ones where they help.
 //! [`vector`] solves place and force along three axes, from presses and drags; [`two`] solves two contacts at once,
 //! and [`causes`] decides what a misfit means.
 
@@ -124,7 +125,10 @@ pub use fitted::{Choice, Fitted, Tie, TriedMethod};
 pub use forces::{
     ComponentErrors, ForceEvaluation, ForceRegression, ForceTable, ForceTableError, MethodForceErrors, evaluate_forces,
 };
-pub use history::{HistoryEvaluation, HistoryRegression, HistorySession, Series, SeriesError, evaluate_history};
+pub use history::{
+    HISTORY_METHOD, HistoryEvaluation, HistoryRegression, HistorySession, MemoryChoice, Series, SeriesError,
+    evaluate_history,
+};
 pub use model::{Model, ModelError, Validity};
 pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array};
