@@ -59,6 +59,7 @@ impl ForceLoop {
             first_mm: context.expected.first_mm,
             in_contact: false,
             dwelt: false,
+            followed: false,
             steps: 0,
             motion: None,
             broken: None,
@@ -178,6 +179,7 @@ impl ForceLoop {
             (PressState::Dwelling | PressState::Lingering, LoopEvent::Dwelt) => self.average(PressState::Reading),
             (PressState::Waiting, LoopEvent::Dwelt) => self.sample(),
             (PressState::Sampling, LoopEvent::Sampled { force_n }) => self.sampled(force_n),
+            (PressState::Following, LoopEvent::Followed { force_n }) => self.followed(force_n),
             (PressState::Bracing, LoopEvent::AxesAveraged { force_n, side_n }) => self.brace(force_n, side_n),
             (PressState::Dragging, LoopEvent::Dragged { x_mm, y_mm }) => self.drag_went([x_mm, y_mm]),
             (PressState::Dragged, LoopEvent::AxesAveraged { force_n, side_n }) => self.drag_ended(force_n, side_n),
@@ -222,6 +224,9 @@ impl ForceLoop {
 
     fn next_level(&mut self) -> Result<LoopCommand, Trip> {
         match self.level() {
+            None if self.task.follow_s > 0.0 && !self.followed => {
+                self.go(PressState::Following, LoopCommand::Follow(self.task.follow_s))
+            }
             None if self.drag_ahead().is_some() => self.average_axes(PressState::Bracing),
             None if self.in_contact || self.z_mm > self.context.clear_mm + STEP_LEAST_MM => self.leave_contact(),
             None => Ok(LoopCommand::Done),
@@ -306,6 +311,19 @@ impl ForceLoop {
         self.level += 1;
         self.steps = 0;
         self.dwelt = false;
+        self.next_level()
+    }
+
+    /// Ends a time for which the last level was followed. A force may relax by any part, but it doesn't disappear.
+    fn followed(&mut self, force_n: f64) -> Result<LoopCommand, Trip> {
+        let least_n = self.context.zero.detect_n();
+        if self.in_contact && force_n < least_n {
+            return Err(Trip::new(SafetyRule::Fallen, force_n, least_n, "N"));
+        }
+        if self.in_contact {
+            self.force_n = force_n;
+        }
+        (self.followed, self.rested) = (true, None);
         self.next_level()
     }
 

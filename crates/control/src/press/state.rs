@@ -35,6 +35,7 @@ pub(super) enum PressState {
     Lingering,
     Waiting,
     Sampling,
+    Following,
     Bracing,
     Dragging,
     Dragged,
@@ -58,6 +59,8 @@ pub struct ForceLoop {
     pub(super) first_mm: f64,
     pub(super) in_contact: bool,
     pub(super) dwelt: bool,
+    /// Whether the last level was followed.
+    pub(super) followed: bool,
     pub(super) steps: u32,
     pub(super) motion: Option<MotionInProgress>,
     /// Rule that a reading broke during a motion.

@@ -36,6 +36,7 @@ mod loss;
 mod manifest;
 mod mapping;
 mod new_folder;
+mod over_time;
 mod places;
 mod press;
 mod presses;
@@ -69,6 +70,9 @@ pub use lookalike::Lookalike;
 pub use manifest::Manifest;
 pub use mapping::{COLUMN_KEYS, Mapping};
 pub use new_folder::make_folder;
+#[cfg(feature = "files")]
+pub use over_time::followed;
+pub use over_time::{Cycled, Followed, cycled};
 use palpate_core::quantity::round;
 pub use places::SAME_PLACE_MM;
 pub use press::{COLUMNS, OUTPUTS, Press, PressColumn, output_name};

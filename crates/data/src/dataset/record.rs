@@ -124,6 +124,9 @@ pub struct RecordedContact {
     /// State from which the next press begins; `None` after the last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left: Option<Left>,
+    /// Begin and end of the time for which the last level was followed, s since the run's start; `None` if it wasn't.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub followed_s: Option<[f64; 2]>,
     /// File of readings with those of this contact; `None` if none are kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub series: Option<SeriesMark>,

@@ -47,6 +47,7 @@ pub(super) fn training(steps: &mut Vec<Vec<Entry>>, next: usize, limits: &Limits
             hold_s: 0.0,
             strategy: Strategy::Guarded,
             sample_after_s: None,
+            follow_s: 0.0,
             drag: None,
             ..entry.task
         },

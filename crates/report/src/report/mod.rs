@@ -16,6 +16,8 @@ mod frame;
 mod headline;
 mod judged;
 mod numbers;
+#[cfg(feature = "files")]
+mod over_time;
 mod record;
 mod side_by_side;
 mod subject;
@@ -37,6 +39,10 @@ use maud::html;
 
 /// Creates a page about one sensor. Nothing in it depends on the time or the machine, so the same runs give the same bytes.
 pub fn page(subject: &Subject, judged: &SensorResults) -> Page {
+    #[cfg(feature = "files")]
+    let over_time = over_time::sections(subject);
+    #[cfg(not(feature = "files"))]
+    let over_time = Vec::new();
     let sections = [
         Some(verdict::section(subject, judged).into()),
         headline::section(subject, judged),
@@ -47,6 +53,8 @@ pub fn page(subject: &Subject, judged: &SensorResults) -> Page {
         figures::distributions(judged),
         figures::dependences(subject, judged),
         figures::expected(subject, judged),
+    ];
+    let about_the_run = [
         record::section(subject),
         uncertainty::section(subject).map(Section::from),
         facts::section(subject).map(Section::from),
@@ -56,5 +64,9 @@ pub fn page(subject: &Subject, judged: &SensorResults) -> Page {
         h1 { (title) }
         p.lede { (subject.text()) }
     };
-    Page::of(&title, &header, sections.into_iter().flatten())
+    Page::of(
+        &title,
+        &header,
+        sections.into_iter().flatten().chain(over_time).chain(about_the_run.into_iter().flatten()),
+    )
 }

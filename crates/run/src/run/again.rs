@@ -56,6 +56,7 @@ impl Runner<'_> {
                 sample_s: TOUCH_SAMPLE_S,
                 strategy: Strategy::Guarded,
                 sample_after_s: None,
+                follow_s: 0.0,
                 drag: None,
             };
             let task = if by_hand { again(known, self.plan).unwrap_or(task) } else { task };

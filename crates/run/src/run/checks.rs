@@ -90,7 +90,13 @@ fn is_checked_between(phase: Phase) -> bool {
 
 /// Returns the check of this number that repeats an entry of the plan with a force or a depth.
 fn again(entry: &Entry, number: u64, set: SetPoint) -> Entry {
-    let task = PressTask { levels: PressTask::one(set), strategy: Strategy::Guarded, drag: None, ..entry.task.clone() };
+    let task = PressTask {
+        levels: PressTask::one(set),
+        strategy: Strategy::Guarded,
+        follow_s: 0.0,
+        drag: None,
+        ..entry.task.clone()
+    };
     Entry { press: CHECKED + number, phase: Phase::Check, place: entry.place, task, rest_after_s: 0.0 }
 }
 

@@ -71,6 +71,7 @@ pub fn estimated_s(entries: &[Entry], spec: &RigSpec) -> f64 {
             + finishing_s(spec)
             + LEVEL_S * (levels - 1.0)
             + levels * (entry.task.hold_s + entry.task.sample_s)
+            + entry.task.follow_s
             + dragged_s
             + entry.rest_after_s;
         place = entry.place;

@@ -188,6 +188,7 @@ mod tests {
                 sample_s: 0.1,
                 strategy: Strategy::Guarded,
                 sample_after_s: None,
+                follow_s: 0.0,
                 drag: None,
             },
             rest_after_s: 0.0,

@@ -8,7 +8,7 @@ use palpate_control::{
     Averaged, Context, ForceLoop, LearnedContact, LoopCommand, LoopEvent, MeasuredContact, Moment, NoLoadReadings,
     Permit, PressTask, SetPoint, Softest, Strategy, TOUCH_SIGMA_MM, UncertaintyBudget, Zero,
 };
-use palpate_core::quantity::Place;
+use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::{self, Flag, Left, NoLoad, PressTruth, RecordedContact};
 use palpate_data::recipe::Entry;
 use palpate_link::device::Stage;
@@ -42,6 +42,8 @@ pub(super) struct Pressed {
     no_load_s: f64,
     pub touched_mm: Option<f64>,
     learned_contact: Option<LearnedContact>,
+    /// Begin and end of the time for which the last level was followed, s since the run's start.
+    followed_s: Option<[f64; 2]>,
 }
 
 impl Pressed {
@@ -102,7 +104,7 @@ impl Runner<'_> {
         }
         let after = self.no_load_after(&pressed.no_load).await?;
         self.rig_control.cell.watch.pause();
-        let Pressed { levels: mut held, no_load: before, no_load_s, touched_mm, learned_contact } = pressed;
+        let Pressed { levels: mut held, no_load: before, no_load_s, touched_mm, learned_contact, followed_s } = pressed;
         let moved = ZeroMoved {
             from_s: no_load_s,
             to_s: self.rig_control.cell.now_s() - after.force.age_s,
@@ -140,6 +142,7 @@ impl Runner<'_> {
             no_load_before: before,
             no_load_after: after,
             left,
+            followed_s,
             series: None,
         })
     }
@@ -215,6 +218,7 @@ impl Runner<'_> {
         self.rig_control.cell.watch.pause();
         self.rig_control.cell.force_n().await?;
         let mut levels: Vec<MeasuredLevel> = Vec::with_capacity(task.levels.len());
+        let mut followed_s = None;
         let mut went: Option<([f64; 2], u64)> = None;
         let mut known = KnownOutputs { outputs: no_load.outputs.clone(), light_n: None };
         let mut event = LoopEvent::Begin { z_mm: self.rig_control.z_mm, no_load: no_load.force };
@@ -262,6 +266,12 @@ impl Runner<'_> {
                     levels.push(MeasuredLevel { dragged, window, place, z_mm, truth });
                     LoopEvent::Sampled { force_n }
                 }
+                LoopCommand::Follow(seconds) => {
+                    let from_s = self.conditions.clock.now_s();
+                    let force_n = self.rig_control.follow(seconds).await?;
+                    followed_s = Some([from_s, self.conditions.clock.now_s()].map(|t_s| round(t_s, 4)));
+                    LoopEvent::Followed { force_n }
+                }
                 LoopCommand::Done => break,
                 LoopCommand::Trip(trip) => return Err(self.rig_control.cell.at_first_touch(trip).await.into()),
             };
@@ -278,6 +288,7 @@ impl Runner<'_> {
             no_load_s,
             touched_mm: press.touched_mm(),
             learned_contact: press.learned_contact(),
+            followed_s,
         })
     }
 
