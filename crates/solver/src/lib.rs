@@ -49,7 +49,7 @@
 //! A [`Prior`] makes a model from few presses and the full calibrations of other sensors of the design (`prior`).
 //! A [`HistoryRegression`] solves the force of a series of readings, with memories of earlier ones where they help.
 //! [`vector`] solves place and force along three axes, from presses and drags; [`two`] solves two contacts at once,
-//! and [`causes`] decides what a misfit means.
+//! and [`causes`] decides what a misfit means. [`over_time`] estimates time constants, noise and wear from repeated readings.
 
 #![forbid(unsafe_code)]
 
@@ -83,6 +83,7 @@ mod method;
 mod model;
 mod noise;
 mod normal;
+pub mod over_time;
 mod pattern_map;
 mod pearson;
 mod physics;
