@@ -6,14 +6,18 @@ use palpate_testing::{Live, TestFolder, campaign, shipped_text};
 use std::collections::BTreeSet;
 
 /// Presses at one place: quick and full.
-const CYCLES: (usize, usize) = (120, 10_000);
+const CYCLES: (usize, usize) = (120, 9_984);
 
 /// Kills of a run with many presses.
 const KILLS: usize = 10;
 
-/// Wear of the scene below for each press, and change of the gain by its temperature, 1/h.
-const WEAR: f64 = -1e-4;
-const DRIFT_PER_H: f64 = 0.02;
+/// Wear of the scene below in all presses of a long run, and in each press of a short one. More than a quarter ends the run, because the load
+/// cell could be the cause.
+const WEAR: f64 = -0.15;
+const WEAR_A_PRESS: f64 = -1e-4;
+
+/// Change of the gain by the temperature of the scene, 1/h.
+const DRIFT_PER_H: f64 = 0.005;
 
 fn rig(scene: &str) -> String {
     shipped_text("rigs/sim.toml").replace("[scene] ", &format!("[scene]\n{scene}\n#"))
@@ -65,9 +69,10 @@ fn creep_of_the_taxels_is_found_in_what_was_followed() {
 #[test]
 fn wear_is_told_from_the_drift_of_the_rig_and_every_press_counts_once_after_kills() {
     let presses = campaign::size(CYCLES.0, CYCLES.1);
-    let (every, references) = (presses / 12, 13);
+    let (every, references) = (presses / 24, 25);
+    let worn = (WEAR / presses as f64).max(WEAR_A_PRESS);
     let scene = format!(
-        "wear = {{ gain_per_press = {WEAR}, radius_mm = 1.0 }}\n\
+        "wear = {{ gain_per_press = {worn}, radius_mm = 1.0 }}\n\
          temperature = {{ mean_c = 23.0, drift_c_h = 1.0, taxel_gain_per_c = {DRIFT_PER_H} }}"
     );
     let bench = TestFolder::with([("rig.toml", rig(&scene).as_str()), ("r.toml", &cycles(presses, every))]);
@@ -78,7 +83,7 @@ fn wear_is_told_from_the_drift_of_the_rig_and_every_press_counts_once_after_kill
     let found = wear(&all[0].points).unwrap();
     let [least, most] = found.wear_per_cycle.interval;
     println!("wear {:.2e} ({least:.2e} to {most:.2e}), drift {:?}", found.wear_per_cycle.value, found.drift_per_h);
-    assert!(found.is_separate && least < WEAR && WEAR < most, "{found:?}");
+    assert!(found.is_separate && least < worn && worn < most, "{found:?}");
     let mut words = "run r.toml --out run --json".to_owned();
     for kill in 0..KILLS {
         let mut live = Live::start(bench.command(&words));

@@ -31,6 +31,9 @@ const CHANCE: f64 = 0.01;
 /// The model doesn't fit if successive residuals differ less than noise does by so many standard deviations.
 const MISFIT_SIGMAS: f64 = 3.0;
 
+/// Least variance of the noise of the log of a gain.
+const VARIANCE_LEAST: f64 = 1e-14;
+
 /// A press of a series at one place, or a reference press in between.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CyclePoint {
@@ -69,7 +72,7 @@ pub struct Wear {
     /// Whether the worn presses scatter about the model without a trend. Otherwise the gain doesn't change in proportion to the cycles, or
     /// the drift isn't followed by so few references, and the intervals are too narrow.
     pub fits: bool,
-    /// Standard deviation of the log of one gain about the model.
+    /// Standard deviation of the log of one gain at the worn place about the model.
     pub residual_sd: f64,
     /// Number of presses at the worn place, and of references.
     pub presses: usize,
@@ -77,7 +80,7 @@ pub struct Wear {
     pub references: usize,
 }
 
-/// Estimates the wear of a place and the drift of the rig. The points can have any order; all have the same noise.
+/// Estimates the wear of a place and the drift of the rig. The points can have any order. Each place has its own noise.
 ///
 /// # Errors
 /// There are fewer than 5 presses at the worn place, all have the same cycle, or a number isn't finite.
@@ -102,14 +105,14 @@ pub fn wear(cycles: &[CyclePoint]) -> Result<Wear, OverTimeError> {
     let straight = Drift::straight(&points, is_separate);
     let bent = (is_separate && references.len() >= BENT_LEAST).then(|| straight.bent_at(&references)).flatten();
     let drift = bent.as_ref().unwrap_or(&straight);
-    let fit = Fit::of(&points, drift).ok_or(OverTimeError::SameCycle)?;
+    let fit = Fit::with_own_noise(&points, drift).ok_or(OverTimeError::SameCycle)?;
     Ok(Wear {
         wear_per_cycle: fit.estimate(WEAR),
         drift_per_h: is_separate.then(|| fit.estimate(DRIFT)),
         is_separate,
         is_bent: bent.is_some(),
         fits: fit.residuals_are_random(&points),
-        residual_sd: fit.sd(),
+        residual_sd: fit.sd(&points),
         presses: worn.len(),
         references: references.len(),
     })
@@ -164,7 +167,7 @@ impl Drift {
 /// Least-squares fit with a drift.
 struct Fit {
     parameters: [f64; PARAMETERS],
-    /// Variance of each parameter for a noise of 1.
+    /// Variance of each parameter, by the variances of the noise that were assumed.
     variances: [f64; PARAMETERS],
     residuals: Vec<f64>,
     /// Sum of the squared residuals, and the number of points minus that of parameters.
@@ -173,10 +176,36 @@ struct Fit {
 }
 
 impl Fit {
-    /// `None` if the points don't determine the parameters, or leave no degree of freedom.
+    /// Fits points of one noise. `None` if they don't determine the parameters, or leave no degree of freedom.
     fn of(points: &[CyclePoint], drift: &Drift) -> Option<Fit> {
+        Fit::weighted(points, drift, [1.0; 2])
+    }
+
+    /// Fits points whose noise differs between the worn place and the reference. The references are few, so their degrees of freedom count
+    /// in the intervals.
+    fn with_own_noise(points: &[CyclePoint], drift: &Drift) -> Option<Fit> {
+        let first = Fit::of(points, drift)?;
+        let references = points.iter().filter(|point| point.is_reference).count();
+        let drifts = 1 + drift.bends_s.len();
+        let freedoms = match references {
+            0 => [first.freedom, 1],
+            _ => [points.len() - references - 2, references.saturating_sub(1 + drifts).max(1)],
+        };
+        let variance = |of_reference: bool, freedom: usize| {
+            let squares = first.residuals.iter().zip(points).filter(|(_, point)| point.is_reference == of_reference);
+            squares.map(|(residual, _)| residual * residual).sum::<f64>() / freedom.max(1) as f64
+        };
+        // outputs that repeat exactly still have the rounding of their records
+        let variances = [false, true].map(|is| variance(is, freedoms[usize::from(is)]).max(VARIANCE_LEAST));
+        let freedom = if references == 0 { freedoms[0] } else { freedoms[0].min(freedoms[1]) };
+        Some(Fit { freedom, ..Fit::weighted(points, drift, variances)? })
+    }
+
+    /// Fits points with the variance of the noise at the worn place, and at the reference.
+    fn weighted(points: &[CyclePoint], drift: &Drift, variances: [f64; 2]) -> Option<Fit> {
         let rows = || points.iter().map(|point| (drift.row(point), point.log_gain));
-        let equations = LeastSquares::of(rows().map(|(row, log_gain)| (row, log_gain, 1.0)));
+        let weights = points.iter().map(|point| 1.0 / variances[usize::from(point.is_reference)]);
+        let equations = LeastSquares::of(rows().zip(weights).map(|((row, log_gain), weight)| (row, log_gain, weight)));
         let (parameters, variances) = (equations.solve()?, equations.variances()?);
         let solved =
             |row: [f64; PARAMETERS]| row.iter().zip(parameters).map(|(factor, value)| factor * value).sum::<f64>();
@@ -187,13 +216,17 @@ impl Fit {
         Some(Fit { parameters, variances, residuals, squares, freedom })
     }
 
-    fn sd(&self) -> f64 {
-        (self.squares / self.freedom as f64).sqrt()
+    /// Standard deviation of the residuals at the worn place.
+    fn sd(&self, points: &[CyclePoint]) -> f64 {
+        let worn = self.residuals.iter().zip(points).filter(|(_, point)| !point.is_reference);
+        let (count, squares) =
+            worn.fold((0.0, 0.0), |(count, squares), (residual, _)| (count + 1.0, squares + residual * residual));
+        (squares / f64::max(count - 2.0, 1.0)).sqrt()
     }
 
     fn estimate(&self, parameter: usize) -> Estimate {
         let value = self.parameters[parameter];
-        let half = interval_sigmas(self.freedom) * self.sd() * self.variances[parameter].sqrt();
+        let half = interval_sigmas(self.freedom) * self.variances[parameter].sqrt();
         Estimate { value, interval: [value - half, value + half] }
     }
 
