@@ -39,10 +39,10 @@ fn page_has_a_figure_and_a_table_for_each_phase() {
     bench.palpate_ends(0, "run r.toml --out run");
     bench.palpate_ends(0, "report run --figures figures");
     let page = bench.read("run/report.html");
-    for title in ["Creep under load", "Noise and drift without load", "Wear by many presses"] {
+    for title in ["Creep under load", "Ramps", "Noise and drift without load", "Wear by many presses"] {
         assert!(page.contains(title), "{title}");
     }
-    for figure in ["creep-1", "creep-2", "allan-0", "cycles-2-0"] {
+    for figure in ["creep-1", "creep-2", "ramps-3", "allan-0", "cycles-2-0"] {
         assert!(bench.has(&format!("figures/{figure}.csv")), "{figure}");
     }
 }

@@ -55,6 +55,8 @@ pub enum LoopCommand {
     Dwell(f64),
     /// Sample force and outputs for this time, s; answered by [`LoopEvent::Sampled`].
     Sample(f64),
+    /// Move along z like [`Move`](Self::Move), and read all devices meanwhile; answered by [`LoopEvent::Moved`].
+    Ramp(Permitted),
     /// Stay still for this time, s, and read all devices; answered by [`LoopEvent::Followed`].
     Follow(f64),
     /// Retract for good. The next action may begin once the specimen is clear. Answered by [`LoopEvent::Moved`].

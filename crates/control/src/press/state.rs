@@ -2,6 +2,7 @@
 
 use super::dialogue::{Context, Moment};
 use super::dragged::DragProgress;
+use super::ramp::RampProgress;
 use crate::profile::MotionProfile;
 use crate::task::PressTask;
 use crate::trip::Trip;
@@ -36,6 +37,8 @@ pub(super) enum PressState {
     Waiting,
     Sampling,
     Following,
+    Ramping,
+    Ramped,
     Bracing,
     Dragging,
     Dragged,
@@ -61,6 +64,7 @@ pub struct ForceLoop {
     pub(super) dwelt: bool,
     /// Whether the last level was followed.
     pub(super) followed: bool,
+    pub(super) ramped: RampProgress,
     pub(super) steps: u32,
     pub(super) motion: Option<MotionInProgress>,
     /// Rule that a reading broke during a motion.

@@ -16,6 +16,8 @@ pub struct Followed {
     pub phase: Phase,
     /// Place of the press.
     pub place: Place,
+    /// Speed of a ramp, mm/s, positive into the specimen; `None` at rest.
+    pub speed_mm_s: Option<f64>,
     /// The output, from 1.
     pub output: usize,
     /// Times of the forces, s since the level began to be followed, and the forces, N.
@@ -40,7 +42,7 @@ pub struct Cycled {
 #[cfg(feature = "files")]
 pub fn followed(run: &Recorded) -> Result<Vec<Followed>, DatasetError> {
     let Some(mark) = &run.series else { return Ok(Vec::new()) };
-    let mut all: Vec<(Followed, [f64; 2])> = run.contacts.iter().filter_map(|contact| begun(run, contact)).collect();
+    let mut all: Vec<(Followed, [f64; 2])> = run.contacts.iter().flat_map(|contact| begun(run, contact)).collect();
     let series = RecordedSeries::open(&run.path, mark.bytes)?;
     let names: Vec<&str> = series.columns().iter().skip(1).map(|column| column.name.as_str()).collect();
     let at = |name: &str| names.iter().position(|column| *column == name).unwrap_or_default();
@@ -48,14 +50,11 @@ pub fn followed(run: &Recorded) -> Result<Vec<Followed>, DatasetError> {
     for batch in series {
         let batch = batch?;
         for (row, press) in batch.press.iter().enumerate() {
-            let Some((followed, [from_s, to_s])) = all.iter_mut().find(|(followed, _)| followed.press as i64 == *press)
-            else {
-                continue;
-            };
             let number = |column: usize| batch.numbers[column][row];
-            if !(*from_s..=*to_s).contains(&number(t_s)) {
-                continue;
-            }
+            let is_in = |(followed, [from_s, to_s]): &&mut (Followed, [f64; 2])| {
+                followed.press as i64 == *press && (*from_s..=*to_s).contains(&number(t_s))
+            };
+            let Some((followed, [from_s, _])) = all.iter_mut().find(is_in) else { continue };
             let output = out_1 + followed.output - 1;
             let read = [(&mut followed.force_n, taken_s, force_n), (&mut followed.values, t_s, output)];
             for ([times, values], time, value) in read {
@@ -69,11 +68,12 @@ pub fn followed(run: &Recorded) -> Result<Vec<Followed>, DatasetError> {
     Ok(all.into_iter().map(|(followed, _)| followed).collect())
 }
 
-/// Returns a followed level without its readings, and the time for which it was followed.
+/// Returns what was followed of a contact without its readings, and the times.
 #[cfg(feature = "files")]
-fn begun(run: &Recorded, contact: &super::RecordedContact) -> Option<(Followed, [f64; 2])> {
-    let (last, followed_s) = (contact.levels.last()?, contact.followed_s?);
-    let phase = last.phase?;
+fn begun(run: &Recorded, contact: &super::RecordedContact) -> Vec<(Followed, [f64; 2])> {
+    let Some((last, phase)) = contact.levels.last().and_then(|last| Some((last, last.phase?))) else {
+        return Vec::new();
+    };
     let loudest = |outputs: &[f64]| {
         let all = outputs.iter().enumerate();
         all.max_by(|(_, a), (_, b)| a.abs().total_cmp(&b.abs())).map_or((0, 0.0), |(index, value)| (index, value.abs()))
@@ -81,15 +81,17 @@ fn begun(run: &Recorded, contact: &super::RecordedContact) -> Option<(Followed, 
     // without load, the output that answers most in the rest of the run
     let of_run = || run.contacts.iter().flat_map(|contact| &contact.levels).map(|press| loudest(&press.outputs));
     let (output, _) = match phase {
-        Phase::Rest => of_run().max_by(|(_, a), (_, b)| a.total_cmp(b))?,
+        Phase::Rest => of_run().max_by(|(_, a), (_, b)| a.total_cmp(b)).unwrap_or_default(),
         _ => loudest(&last.outputs),
     };
     let empty = || [Vec::new(), Vec::new()];
-    let (force_n, values) = (empty(), empty());
-    Some((
-        Followed { press: contact.press, phase, place: last.place(), output: output + 1, force_n, values },
-        followed_s,
-    ))
+    let each = contact.followed.iter().map(|time| {
+        let (press, place, output) = (contact.press, last.place(), output + 1);
+        let speed_mm_s = time.speed_mm_s;
+        let followed = Followed { press, phase, place, speed_mm_s, output, force_n: empty(), values: empty() };
+        (followed, [time.from_s, time.to_s])
+    });
+    each.collect()
 }
 
 /// Returns the places that a run pressed many times, each with its presses in the order of measurement. The gain of a press is the size of

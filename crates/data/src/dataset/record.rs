@@ -124,9 +124,9 @@ pub struct RecordedContact {
     /// State from which the next press begins; `None` after the last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left: Option<Left>,
-    /// Begin and end of the time for which the last level was followed, s since the run's start; `None` if it wasn't.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub followed_s: Option<[f64; 2]>,
+    /// Times in which all devices were read after the last level.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub followed: Vec<FollowedTime>,
     /// File of readings with those of this contact; `None` if none are kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub series: Option<SeriesMark>,
@@ -137,6 +137,18 @@ impl RecordedContact {
     pub fn t_s(&self) -> Option<f64> {
         self.levels.iter().filter_map(|press| press.t_s).reduce(f64::max)
     }
+}
+
+/// Time in which all devices were read, at rest or in a motion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FollowedTime {
+    /// Begin, s since the run's start.
+    pub from_s: f64,
+    /// End, s since the run's start.
+    pub to_s: f64,
+    /// Speed of the motion, mm/s, positive into the specimen; `None` at rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed_mm_s: Option<f64>,
 }
 
 /// State at the end of a contact.

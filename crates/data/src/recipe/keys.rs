@@ -22,11 +22,12 @@ const DIRECTION: Bounds = Bounds::within(-360.0, 360.0, "degrees");
 const SPACING: Bounds = Bounds::above(0.0, 1000.0, "mm");
 
 /// Possible phases of a step.
-pub(super) const PHASES: [(&str, Phase); 6] = [
+pub(super) const PHASES: [(&str, Phase); 7] = [
     (Phase::Characterisation.name(), Phase::Characterisation),
     (Phase::Calibration.name(), Phase::Calibration),
     (Phase::Test.name(), Phase::Test),
     (Phase::Creep.name(), Phase::Creep),
+    (Phase::Ramp.name(), Phase::Ramp),
     (Phase::Rest.name(), Phase::Rest),
     (Phase::Cycles.name(), Phase::Cycles),
 ];
@@ -117,6 +118,9 @@ keys! {
         depth_mm: Numbers(DEPTH), Allowed,
             "depth of every press below the surface that it touches, or several depths for each place", "[0.2, 0.4, 0.6]";
         staircase: Table(&staircase::KEYS), Allowed, "load to a force and unload, in equal steps";
+        ramps_mm_s: Numbers(SLIDE_SPEED), Allowed,
+            "in the phase ramp, speeds at which the tip leaves the specimen and comes back to where it was held; all devices are read meanwhile",
+            "[0.1, 1.0]";
         cycles: Table(&cycles::KEYS), Allowed, "press with `force_n` many times at each place, in the phase cycles";
         drag: Table(&drag::KEYS), Allowed,
             "after the window, drag the tip sideways in contact, one press for each direction; the rig must allow it in `limits.drag`";

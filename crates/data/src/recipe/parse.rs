@@ -197,9 +197,16 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
         table.complain(Problem::new(load_span.clone(), text).help(help));
     }
     check_follows(table, phase, &manner);
+    let ramps_mm_s = table.has(&step::ramps_mm_s).then(|| table.number_or_list(&step::ramps_mm_s)).flatten();
+    let ramps_mm_s = ramps_mm_s.unwrap_or_default();
+    if (phase == Some(Phase::Ramp)) == ramps_mm_s.is_empty() {
+        let text = "the phase \"ramp\" and `ramps_mm_s` need each other";
+        let help = "write phase = \"ramp\" and ramps_mm_s = [0.1, 1.0]";
+        table.complain(Problem::new(table.span(), text).help(help));
+    }
     let drags = read_drags(table, load.as_ref(), phase);
     let (phase, places, load, drag_span) = (phase?, places?, load?, table.span_of(&step::drag));
-    Some(Step { phase, places, load, drags: drags?, manner, places_span, load_span, drag_span })
+    Some(Step { phase, places, load, drags: drags?, ramps_mm_s, manner, places_span, load_span, drag_span })
 }
 
 /// Checks that a step is followed over time if its phase says so, and only then.

@@ -72,6 +72,7 @@ impl Plan {
         for (index, step) in recipe.steps.iter().enumerate() {
             check_force(step, ground, &mut problems);
             check_depth(step, ground, &mut problems);
+            check_ramps(step, ground, &mut problems);
             check_drags(step, ground, &mut problems);
             check_strategy(step, ground, &mut problems);
             // counted before any is made
@@ -135,7 +136,8 @@ impl Recipe {
 
     /// Returns a problem for each step that is followed over time, if no readings are kept.
     fn unkept_follows(&self) -> impl Iterator<Item = Problem> {
-        let follows = self.steps.iter().filter(|step| step.manner.follow_s > 0.0 && self.series == SeriesScope::None);
+        let is_followed = |step: &&Step| step.manner.follow_s > 0.0 || !step.ramps_mm_s.is_empty();
+        let follows = self.steps.iter().filter(move |step| is_followed(step) && self.series == SeriesScope::None);
         follows.map(|step| {
             let text = "this step follows a level over time, but no readings are kept";
             Problem::new(step.load_span.clone(), text).help("add [record] with series = \"window\"")
@@ -281,6 +283,7 @@ impl Step {
             StepLoad::RandomForce(_) | StepLoad::Depths(_) | StepLoad::RandomDepth(_) => Arc::default(),
             StepLoad::Staircase { to_n, step_n, .. } => PressTask::staircase(*to_n, *step_n),
         };
+        let ramps_mm_s: Arc<[f64]> = self.ramps_mm_s.clone().into();
         for (place, _) in places {
             let entry = |levels: Arc<[PressLevel]>, rest_after_s| Entry {
                 press: 0,
@@ -296,6 +299,7 @@ impl Step {
                     strategy: if self.load.most_mm() > 0.0 { Strategy::Guarded } else { self.manner.strategy },
                     sample_after_s: self.manner.sample_after_s,
                     follow_s: self.manner.follow_s,
+                    ramps_mm_s: ramps_mm_s.clone(),
                     drag: None,
                 },
                 rest_after_s,
@@ -390,6 +394,20 @@ fn check_depth(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
         );
         let help = "press less deep, or raise `limits.depth_mm` in the rig if the specimen can take it";
         problems.push(Problem::new(step.load_span.clone(), text).help(help));
+    }
+}
+
+/// Checks ramps as the permit does: their way back begins above the surface, with no force.
+fn check_ramps(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
+    let (most_mm, limits) = (step.load.most_mm(), ground.limits);
+    let most_n = most_mm * limits.stiffness_n_mm;
+    if !step.ramps_mm_s.is_empty() && most_n > limits.force_n {
+        let text = format!(
+            "a ramp to {most_mm} mm may press with {} N at `limits.stiffness_n_mm`, over the limit of {} N",
+            round(most_n, 3),
+            limits.force_n
+        );
+        problems.push(Problem::new(step.load_span.clone(), text).help("press less deep"));
     }
 }
 

@@ -17,6 +17,8 @@ pub enum Phase {
     Test,
     /// Presses whose last level is followed over time.
     Creep,
+    /// Presses with ramps at constant speeds.
+    Ramp,
     /// Times without load, followed in the same way.
     Rest,
     /// Many presses at one place, with presses at a reference place in between.
@@ -30,11 +32,12 @@ pub enum Phase {
 
 impl Phase {
     /// All phases of a plan.
-    pub const ALL: [Phase; 7] = [
+    pub const ALL: [Phase; 8] = [
         Phase::Characterisation,
         Phase::Calibration,
         Phase::Test,
         Phase::Creep,
+        Phase::Ramp,
         Phase::Rest,
         Phase::Cycles,
         Phase::Teach,
@@ -47,6 +50,7 @@ impl Phase {
             Phase::Calibration => "calibration",
             Phase::Test => "test",
             Phase::Creep => "creep",
+            Phase::Ramp => "ramp",
             Phase::Rest => "rest",
             Phase::Cycles => "cycles",
             Phase::Teach => "teach",
@@ -112,6 +116,8 @@ pub struct Step {
     pub load: StepLoad,
     /// Drags after the window, one press for each; none if it is empty.
     pub drags: Vec<Drag>,
+    /// Speeds of the ramps after the last level, mm/s; none if it is empty.
+    pub ramps_mm_s: Vec<f64>,
     /// Manner of each press.
     pub manner: Manner,
     /// Position of the step's places in the text.
@@ -125,7 +131,17 @@ pub struct Step {
 impl Step {
     /// Creates a step that isn't in a file.
     pub fn new(phase: Phase, places: Places, load: StepLoad, manner: Manner) -> Step {
-        Step { phase, places, load, drags: Vec::new(), manner, places_span: 0..0, load_span: 0..0, drag_span: 0..0 }
+        Step {
+            phase,
+            places,
+            load,
+            drags: Vec::new(),
+            ramps_mm_s: Vec::new(),
+            manner,
+            places_span: 0..0,
+            load_span: 0..0,
+            drag_span: 0..0,
+        }
     }
 }
 

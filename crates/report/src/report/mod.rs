@@ -18,6 +18,8 @@ mod judged;
 mod numbers;
 #[cfg(feature = "files")]
 mod over_time;
+#[cfg(feature = "files")]
+mod ramps;
 mod record;
 mod side_by_side;
 mod subject;

@@ -1,9 +1,9 @@
 //! What a sensor does over time: creep under a load that stays, noise without load, and wear by many presses.
 
-use super::Subject;
 use super::figures::WIDTH_PX;
 use super::frame::{PageFigure, Section, none, number, table, words};
 use super::numbers::{NumberCell, Numbers};
+use super::{Subject, ramps};
 use crate::chart::{ChartAxis, Figure, Grid, Hue, LineStyle, Look, Mark, Panel, Shape};
 use maud::{Markup, html};
 use palpate_data::dataset::{Cycled, Followed, cycled, followed};
@@ -35,7 +35,15 @@ pub(super) fn sections(subject: &Subject) -> Vec<Section> {
         all.filter(|followed| followed.phase == phase).collect()
     };
     let cycles: Vec<Cycled> = subject.runs.iter().flat_map(cycled).collect();
-    [creep(&of_phase(Phase::Creep)), rest(&of_phase(Phase::Rest)), cycles_of(&cycles)].into_iter().flatten().collect()
+    [
+        creep(&of_phase(Phase::Creep)),
+        ramps::section(&of_phase(Phase::Ramp)),
+        rest(&of_phase(Phase::Rest)),
+        cycles_of(&cycles),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
 }
 
 /// Creates the section of the levels that were followed under load.

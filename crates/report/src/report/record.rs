@@ -18,11 +18,12 @@ struct Controlled {
 }
 
 /// Phases, with the look of each and the name of the item.
-const PHASES: [(Phase, Hue, Shape); 5] = [
+const PHASES: [(Phase, Hue, Shape); 6] = [
     (Phase::Characterisation, Hue::Green, Shape::Triangle),
     (Phase::Calibration, Hue::Blue, Shape::Circle),
     (Phase::Test, Hue::Orange, Shape::Square),
     (Phase::Creep, Hue::Green, Shape::Square),
+    (Phase::Ramp, Hue::Orange, Shape::Triangle),
     (Phase::Cycles, Hue::Blue, Shape::Triangle),
 ];
 
