@@ -2,13 +2,14 @@
 //!
 //! | file | what it estimates |
 //! |---|---|
-//! | `relaxation` | time constants of values held at rest |
+//! | `relaxation` | time constants of values held at rest, by the fit in `exponentials` |
 //! | `allan` | noise of means over longer and longer times |
 //! | `wear` | change of the gain with each press, without the drift of the rig |
 //!
 //! Intervals are 95 % and assume that the noise of readings is independent. Times are in seconds, and only their differences count.
 
 mod allan;
+mod exponentials;
 mod relaxation;
 mod wear;
 
