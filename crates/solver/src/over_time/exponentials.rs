@@ -1,10 +1,10 @@
 //! Fit of exponentials to readings, as [`relaxation`](super::relaxation()) needs it.
 //!
-//! The readings are averaged in bins of log time. For given times the amplitudes follow by linear least squares, so only the logs of the
-//! times are searched (variable projection): from a grid of starts, by damped steps of Gauss and Newton. An F-test decides whether
-//! another term is there.
+//! The readings are averaged in bins of log time. For given times the amplitudes follow by linear least squares, so
+//! only the logs of the times are searched (variable projection): from a grid of starts, by damped steps of Gauss and
+//! Newton. An F-test decides whether another term is there.
 
-use super::{LeastSquares, by_chance};
+use super::LeastSquares;
 
 /// Most terms that are distinguished, and the parameters then: the final value, amplitudes, and logs of the times.
 pub(super) const TERMS_MOST: usize = 2;
@@ -13,21 +13,20 @@ const PARAMETERS: usize = 1 + 2 * TERMS_MOST;
 /// Most bins. So narrow bins lose no information.
 const BINS_MOST: usize = 300;
 
-/// A term is there if noise lowers the sum of squares as much with this probability. A term whose time constant is determined lowers it
-/// by far more, so this hardly hides one.
+/// A term is there if noise lowers the sum of squares as much with this probability. A term whose time constant is
+/// determined lowers it by far more, so this hardly hides one.
 const CHANCE: f64 = 1e-3;
 
-/// Number of times in the grid of starts. Of two terms the best start of each ratio is refined, because times that merge have a
-/// minimum of their own.
+/// Number of times in the grid of starts. Of two terms the best start of each ratio is refined, because times that
+/// merge have a minimum of their own.
 const GRID: usize = 12;
 
-/// Most steps from a start. The search ends when the log of each time changes by less than `STEP_LEAST`, or the damping has grown so
-/// much that no step improves the fit.
+/// Most steps from a start. The search ends when no step, however damped, lowers the sum of squares by this share.
 const STEPS_MOST: usize = 60;
-const STEP_LEAST: f64 = 1e-7;
 const DAMPING_MOST: f64 = 1e6;
+const GAIN_LEAST: f64 = 1e-10;
 
-/// Rounding error relative to the largest value. A lower sum of squares than its own shows nothing.
+/// Rounding error relative to a value. It counts as a residual, because nothing smaller shows a term.
 const ROUNDING: f64 = 1e-12;
 
 /// Mean of readings that follow each other.
@@ -45,8 +44,8 @@ impl Bin {
         Bin { t_s, variance_s2: 0.0, value, count: 1.0 }
     }
 
-    /// Averages readings in bins that are equally wide in log time; the first ones have one reading. `interval_s` is the time between
-    /// readings.
+    /// Averages readings in bins that are equally wide in log time; the first ones have one reading. `interval_s` is
+    /// the time between readings.
     pub(super) fn all(t_s: &[f64], values: &[f64], interval_s: f64) -> Vec<Bin> {
         let readings: Vec<Bin> = t_s.iter().zip(values).map(|(t, value)| Bin::at(t - t_s[0], *value)).collect();
         if readings.len() <= BINS_MOST {
@@ -66,8 +65,8 @@ impl Bin {
         Bin { t_s, variance_s2, value: mean(&|reading| reading.value), count }
     }
 
-    /// Returns the mean of `exp(-t / time)` over the bin, and its derivative by the log of the time. A mean exceeds the value at the mean
-    /// time by the curvature; with it the bins cause no bias.
+    /// Returns the mean of `exp(-t / time)` over the bin, and its derivative by the log of the time. A mean exceeds the
+    /// value at the mean time by the curvature; with it the bins cause no bias.
     fn exponential(&self, log_time_s: f64) -> [f64; 2] {
         let rate = (-log_time_s).exp();
         let (x, bent) = (self.t_s * rate, self.variance_s2 * rate * rate);
@@ -77,7 +76,6 @@ impl Bin {
 }
 
 /// Best fit for some time constants.
-#[derive(Clone)]
 pub(super) struct Fit {
     /// Log of each time constant, s.
     pub(super) log_times_s: Vec<f64>,
@@ -88,31 +86,28 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// The fit with as many terms as are there. `range` has the logs of the shortest and longest time that are searched, s.
-    pub(super) fn of(bins: &[Bin], range: [f64; 2]) -> Fit {
-        let count: f64 = bins.iter().map(|bin| bin.count).sum();
-        let mean = bins.iter().map(|bin| bin.count * bin.value).sum::<f64>() / count;
-        let largest = bins.iter().map(|bin| bin.value.abs()).fold(0.0, f64::max);
-        let rounding = count * (ROUNDING * largest).powi(2);
-        let squares = bins.iter().map(|bin| bin.count * (bin.value - mean).powi(2)).sum();
-        let mut fit = Fit { log_times_s: Vec::new(), linear: [mean, 0.0, 0.0], squares };
+    /// The fit with as many terms as are there; `None` if the values are too large. `range` has the logs of the
+    /// shortest and longest time that are searched, s.
+    pub(super) fn of(bins: &[Bin], range: [f64; 2]) -> Option<Fit> {
+        let mut fit = Fit::at(bins, Vec::new())?;
         for terms in 1..=TERMS_MOST {
-            let Some(next) = Fit::best(bins, terms, range) else { break };
-            let freedom = bins.len().saturating_sub(next.parameters());
-            if by_chance(next.squares + rounding, fit.squares + rounding, 2, freedom) > CHANCE {
-                break;
+            // the probability of a smaller ratio, for two more parameters
+            let by_chance = |next: &Fit| (next.squares / fit.squares).powf(0.5 * next.freedom(bins.len()) as f64);
+            match Fit::best(bins, terms, range).filter(|next| by_chance(next) < CHANCE) {
+                Some(next) => fit = next,
+                None => break,
             }
-            fit = next;
         }
-        fit
+        Some(fit)
     }
 
     /// `None` if the times can't be distinguished.
     fn at(bins: &[Bin], log_times_s: Vec<f64>) -> Option<Fit> {
         let rows = bins.iter().map(|bin| (row(bin, &log_times_s, &[0.0; 1 + TERMS_MOST]), bin.value, bin.count));
-        let [final_value, first, second, ..] = LeastSquares::of(rows).solve()?;
+        let [[final_value, first, second, ..], _] = LeastSquares::of(rows).solve()?;
         let mut fit = Fit { log_times_s, linear: [final_value, first, second], squares: 0.0 };
-        fit.squares = bins.iter().map(|bin| bin.count * fit.residual(bin).powi(2)).sum();
+        let square = |bin: &Bin| fit.residual(bin).powi(2) + (ROUNDING * bin.value).powi(2);
+        fit.squares = bins.iter().map(|bin| bin.count * square(bin)).sum();
         Some(fit)
     }
 
@@ -135,34 +130,23 @@ impl Fit {
         for _ in 0..STEPS_MOST {
             let mut equations = self.equations(bins);
             (0..PARAMETERS).for_each(|i| equations.matrix[i][i] *= 1.0 + damping);
-            let next = equations.solve().and_then(|steps| {
-                let steps = &steps[1 + TERMS_MOST..];
-                let logs = self.log_times_s.iter().zip(steps).map(|(log, step)| (log + step).clamp(from, to));
-                Fit::at(bins, logs.collect())
+            let next = equations.solve().and_then(|[steps, _]| {
+                let logs = self.log_times_s.iter().zip(&steps[1 + TERMS_MOST..]);
+                Fit::at(bins, logs.map(|(log, step)| (log + step).clamp(from, to)).collect())
             });
-            let Some(next) = next.filter(|next| next.squares < self.squares) else {
-                if damping > DAMPING_MOST {
-                    break;
-                }
-                damping *= 10.0;
-                continue;
-            };
-            let is_last =
-                next.log_times_s.iter().zip(&self.log_times_s).all(|(new, old)| (new - old).abs() < STEP_LEAST);
-            self = next;
-            if is_last {
-                break;
+            match next.filter(|next| next.squares < self.squares * (1.0 - GAIN_LEAST)) {
+                Some(next) => (self, damping) = (next, 0.1 * damping),
+                None if damping < DAMPING_MOST => damping *= 10.0,
+                None => break,
             }
-            damping *= 0.1;
         }
         self
     }
 
     /// Equations of a small change of all parameters, whose variances are those of the fit for a noise of 1.
     pub(super) fn equations(&self, bins: &[Bin]) -> LeastSquares<PARAMETERS> {
-        LeastSquares::of(
-            bins.iter().map(|bin| (row(bin, &self.log_times_s, &self.linear), self.residual(bin), bin.count)),
-        )
+        let derivatives = |bin: &Bin| row(bin, &self.log_times_s, &self.linear);
+        LeastSquares::of(bins.iter().map(|bin| (derivatives(bin), self.residual(bin), bin.count)))
     }
 
     /// Value of a bin minus that of the fit.
@@ -171,14 +155,14 @@ impl Fit {
         bin.value - self.linear[0] - terms.map(|(log, amplitude)| amplitude * bin.exponential(*log)[0]).sum::<f64>()
     }
 
-    /// Number of parameters.
-    pub(super) fn parameters(&self) -> usize {
-        1 + 2 * self.log_times_s.len()
+    /// Number of values minus that of parameters.
+    pub(super) fn freedom(&self, values: usize) -> usize {
+        values.saturating_sub(1 + 2 * self.log_times_s.len())
     }
 }
 
-/// Returns the derivatives of a bin's value by the parameters: final value, amplitudes, logs of the times. Without amplitudes the times
-/// are absent.
+/// Returns the derivatives of a bin's value by the parameters: final value, amplitudes, logs of the times. Without
+/// amplitudes the times are absent.
 pub(super) fn row(bin: &Bin, log_times_s: &[f64], linear: &[f64; 1 + TERMS_MOST]) -> [f64; PARAMETERS] {
     let mut row = [0.0; PARAMETERS];
     row[0] = 1.0;

@@ -7,7 +7,8 @@ use serde::Serialize;
 /// Least number of readings.
 const READINGS_LEAST: usize = 10;
 
-/// A time constant is determined if its interval is narrower than this factor, and it is at least so many intervals of reading.
+/// A time constant is determined if its interval is narrower than this factor, and it is at least so many intervals of
+/// reading.
 const FACTOR_MOST: f64 = 3.0;
 const INTERVALS_LEAST: f64 = 2.0;
 
@@ -17,13 +18,13 @@ const SPANS_MOST: f64 = 10.0;
 /// How values at rest change over time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Relaxation {
-    /// Value that the terms approach. With `undetermined` it is the value at the last reading, without the terms below: what is slower
-    /// ends at an unknown value.
+    /// Value that the terms approach. With `undetermined` it is the value at the last reading, without the terms below:
+    /// what is slower ends at an unknown value.
     pub final_value: f64,
     /// Determined terms, sorted by time.
     pub terms: Vec<Term>,
-    /// Whether the values also change with a time constant that isn't determined and is left out: it is longer than the span, shorter
-    /// than two intervals of reading, or too near another one for the noise.
+    /// Whether the values also change with a time constant that isn't determined and is left out: it is longer than the
+    /// span, shorter than two intervals of reading, or too near another one for the noise.
     pub undetermined: bool,
     /// Standard deviation of one reading about all terms, also those that are left out.
     pub residual_sd: f64,
@@ -55,25 +56,26 @@ pub struct PlannedTerm {
     pub time_s: f64,
 }
 
-/// Estimates the time constants of values held at rest, with 0, 1 or 2 terms. `t_s` has the time of each of `values`, s, and
-/// increases. Amplitudes count from the first reading.
+/// Estimates the time constants of values held at rest, with 0, 1 or 2 terms. `t_s` has the time of each of `values`,
+/// s, and increases. Amplitudes count from the first reading.
 ///
 /// The readings' noise should be white: noise with a memory longer than a bin looks like a term.
 ///
 /// # Errors
-/// There are fewer than 10 readings, not one value for each time, a number that isn't finite, or times that don't increase.
+/// There are fewer than 10 readings, not one value for each time, a number that isn't finite, or times that don't
+/// increase.
 pub fn relaxation(t_s: &[f64], values: &[f64]) -> Result<Relaxation, OverTimeError> {
     check(t_s, values)?;
     let span_s = t_s[t_s.len() - 1] - t_s[0];
     let interval_s = interval_s(t_s);
     let bins = Bin::all(t_s, values, interval_s);
-    let fit = Fit::of(&bins, [interval_s.ln(), (SPANS_MOST * span_s).ln()]);
-    let variances = fit.equations(&bins).variances();
-    let freedom = bins.len().saturating_sub(fit.parameters());
+    let fit = Fit::of(&bins, [interval_s.ln(), (SPANS_MOST * span_s).ln()]).ok_or(OverTimeError::Singular)?;
+    let solved = fit.equations(&bins).solve();
+    let freedom = fit.freedom(bins.len());
     // from the bins: noise with a short memory widens the interval, as it should
     let (sigmas, sd) = (interval_sigmas(freedom), (fit.squares / freedom as f64).sqrt());
     let term = |i: usize| {
-        let u = |parameter: usize| variances.map_or(f64::INFINITY, |variances| sd * variances[parameter].sqrt());
+        let u = |parameter: usize| solved.map_or(f64::INFINITY, |[_, variances]| sd * variances[parameter].sqrt());
         let [amplitude_u, log_u] = [u(1 + i), u(1 + TERMS_MOST + i)];
         let [time_s, factor] = [fit.log_times_s[i].exp(), (sigmas * log_u).exp()];
         let time_interval_s = [time_s / factor, time_s * factor];
@@ -91,15 +93,15 @@ pub fn relaxation(t_s: &[f64], values: &[f64]) -> Result<Relaxation, OverTimeErr
             + left_out.iter().map(|term| term.amplitude * (-span_s / term.time_s).exp()).sum::<f64>(),
         terms,
         undetermined: !left_out.is_empty(),
-        residual_sd: (squares / (t_s.len() - fit.parameters()) as f64).sqrt(),
+        residual_sd: (squares / fit.freedom(t_s.len()) as f64).sqrt(),
         readings: t_s.len(),
         span_s,
     })
 }
 
-/// Returns the least relative sd of each time constant that readings at the times `t_s`, s, can reach (Cramer-Rao). `sigma` is the sd of
-/// one reading, in the unit of the amplitudes. The result has one number for each of `terms`. They are infinite where the plan determines
-/// nothing, and for more than two terms, which aren't distinguished.
+/// Returns the least relative sd of each time constant that readings at the times `t_s`, s, can reach (Cramer-Rao).
+/// `sigma` is the sd of one reading, in the unit of the amplitudes. The result has one number for each of `terms`. They
+/// are infinite where the plan determines nothing, and for more than two terms, which aren't distinguished.
 pub fn relaxation_bound(t_s: &[f64], sigma: f64, terms: &[PlannedTerm]) -> Vec<f64> {
     let unknown = vec![f64::INFINITY; terms.len()];
     if terms.len() > TERMS_MOST || t_s.is_empty() {
@@ -109,25 +111,19 @@ pub fn relaxation_bound(t_s: &[f64], sigma: f64, terms: &[PlannedTerm]) -> Vec<f
     let mut linear = [0.0; 1 + TERMS_MOST];
     linear[1..].iter_mut().zip(terms).for_each(|(amplitude, term)| *amplitude = term.amplitude);
     let rows = t_s.iter().map(|t| (row(&Bin::at(t - t_s[0], 0.0), &log_times_s, &linear), 0.0, 1.0));
-    let Some(variances) = LeastSquares::of(rows).variances() else { return unknown };
+    let Some([_, variances]) = LeastSquares::of(rows).solve() else { return unknown };
     let sds = variances[1 + TERMS_MOST..].iter().map(|variance| sigma * variance.sqrt());
     sds.zip(terms).map(|(sd, term)| if term.amplitude == 0.0 { f64::INFINITY } else { sd }).collect()
 }
 
 fn check(t_s: &[f64], values: &[f64]) -> Result<(), OverTimeError> {
-    if t_s.len() != values.len() {
-        return Err(OverTimeError::Lengths { times: t_s.len(), values: values.len() });
-    }
     if t_s.len() < READINGS_LEAST {
         return Err(OverTimeError::TooFew { readings: t_s.len(), needed: READINGS_LEAST });
     }
-    if let Some(reading) = t_s.iter().zip(values).position(|(t, value)| !t.is_finite() || !value.is_finite()) {
-        return Err(OverTimeError::NotFinite { reading });
-    }
-    match t_s.windows(2).position(|pair| pair[1] <= pair[0]) {
-        Some(before) => Err(OverTimeError::Order { reading: before + 1 }),
-        None => Ok(()),
-    }
+    let is_finite = |of: &[f64], i: usize| of.get(i).is_some_and(|number| number.is_finite());
+    let is_sound = |i: usize| is_finite(t_s, i) && is_finite(values, i) && (i == 0 || t_s[i] > t_s[i - 1]);
+    let wrong = (0..t_s.len().max(values.len())).find(|i| !is_sound(*i));
+    wrong.map_or(Ok(()), |reading| Err(OverTimeError::Reading { reading }))
 }
 
 /// Usual time between two readings, s.

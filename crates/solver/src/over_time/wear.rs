@@ -1,35 +1,34 @@
 //! Wear: how the gain changes with each press at one place.
 //!
-//! Presses at a place that isn't worn show the drift of the rig. The log of the gain is `a + wear * cycle + drift(t)` at the worn place and
-//! `b + drift(t)` at the reference. The drift is a straight line in time. With 10 references it is tested whether they follow
-//! one; if not, the line is bent at some of them.
+//! Presses at a place that isn't worn show the drift of the rig. The log of the gain is `a + wear * cycle + drift(t)`
+//! at the worn place and `b + drift(t)` at the reference. The drift is a straight line in time. With 10 references it
+//! has four bends: both places share them, so they hardly make the wear less certain.
 
-use super::{LeastSquares, OverTimeError, by_chance, interval_sigmas};
+use super::{LeastSquares, OverTimeError, interval_sigmas};
 use serde::Serialize;
+use std::array::from_fn;
 
-/// Number of bends of a drift that isn't straight.
+/// Number of bends of the drift.
 const BENDS: usize = 4;
 
-/// Parameters: worn place, reference, wear, drift, bends. Each index is that of its factor.
-const PARAMETERS: usize = 4 + BENDS;
+/// Parameters: worn place, reference, wear, its curve, drift, bends. Each index is that of its factor.
+const PARAMETERS: usize = 5 + BENDS;
 const WEAR: usize = 2;
-const DRIFT: usize = 3;
+const CURVE: usize = 3;
+const DRIFT: usize = 4;
 
 /// Least number of presses at the worn place.
 const WORN_LEAST: usize = 5;
 
-/// Least number of references that show the drift, and that show whether it is straight.
+/// Least number of references that show the drift, and that show its bends.
 const REFERENCES_LEAST: usize = 3;
 const BENT_LEAST: usize = 10;
 
 /// References show the drift only if they extend over this share of the time of the worn presses.
 const COVER_LEAST: f64 = 0.5;
 
-/// The drift is bent if noise would bend it as much with this probability.
-const CHANCE: f64 = 0.01;
-
-/// The model doesn't fit if successive residuals differ less than noise does by so many standard deviations.
-const MISFIT_SIGMAS: f64 = 3.0;
+/// Wear isn't proportional to the cycles if its curve is this many times as large as half its 95 % interval.
+const CURVE_MOST: f64 = 1.5;
 
 /// A press of a series at one place, or a reference press in between.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,18 +55,18 @@ pub struct Estimate {
 /// Change of a gain with the presses, and with time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Wear {
-    /// Change of the log of the gain with each cycle; negative if the sensor loses gain. Unless `is_separate`, it contains the rig's
-    /// drift from one cycle to the next.
+    /// Change of the log of the gain with each cycle; negative if the sensor loses gain. Unless `is_separate`, it
+    /// contains the rig's drift from one cycle to the next.
     pub wear_per_cycle: Estimate,
-    /// Change of the log of the gain in an hour that both places share, as a mean from the first press to the last. `None` unless
-    /// `is_separate`.
+    /// Change of the log of the gain in an hour that both places share, as a mean from the first press to the last.
+    /// `None` unless `is_separate`.
     pub drift_per_h: Option<Estimate>,
-    /// Whether wear and drift are distinguished: there are at least 3 references, and they extend over half the time of the worn presses.
+    /// Whether wear and drift are distinguished: there are at least 3 references, and they extend over half the time of
+    /// the worn presses.
     pub is_separate: bool,
-    /// Whether at least 10 references show that the drift isn't a straight line in time. Then the line is bent.
-    pub is_bent: bool,
-    /// Whether the worn presses scatter about the model without a trend. Otherwise the gain doesn't change in proportion to the cycles, or
-    /// the drift isn't followed by so few references, and the intervals are too narrow.
+    /// Whether the log of the gain changes in proportion to the cycles. Otherwise the wear is a mean and its interval
+    /// too narrow: the wear becomes slower or faster, or there are fewer than 10 references and a drift that isn't
+    /// straight.
     pub fits: bool,
     /// Standard deviation of the log of one gain about the model.
     pub residual_sd: f64,
@@ -82,9 +81,9 @@ pub struct Wear {
 /// # Errors
 /// There are fewer than 5 presses at the worn place, all have the same cycle, or a number isn't finite.
 pub fn wear(cycles: &[CyclePoint]) -> Result<Wear, OverTimeError> {
-    let is_finite = |point: &CyclePoint| point.t_s.is_finite() && point.log_gain.is_finite() && point.cycle.is_finite();
+    let is_finite = |point: &CyclePoint| [point.t_s, point.log_gain, point.cycle].iter().all(|value| value.is_finite());
     if let Some(reading) = cycles.iter().position(|point| !is_finite(point)) {
-        return Err(OverTimeError::NotFinite { reading });
+        return Err(OverTimeError::Reading { reading });
     }
     let mut points = cycles.to_vec();
     points.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
@@ -92,117 +91,78 @@ pub fn wear(cycles: &[CyclePoint]) -> Result<Wear, OverTimeError> {
     if worn.len() < WORN_LEAST {
         return Err(OverTimeError::TooFew { readings: worn.len(), needed: WORN_LEAST });
     }
-    if worn.iter().all(|point| point.cycle == worn[0].cycle) {
-        return Err(OverTimeError::SameCycle);
-    }
+    let span_s = |of: &[CyclePoint]| of[of.len() - 1].t_s - of[0].t_s;
     let is_separate = references.len() >= REFERENCES_LEAST && span_s(&references) > COVER_LEAST * span_s(&worn);
-    if !is_separate {
-        points.retain(|point| !point.is_reference);
-    }
-    let straight = Drift::straight(&points, is_separate);
-    let bent = (is_separate && references.len() >= BENT_LEAST).then(|| straight.bent_at(&references)).flatten();
-    let drift = bent.as_ref().unwrap_or(&straight);
-    let fit = Fit::of(&points, drift).ok_or(OverTimeError::SameCycle)?;
+    let used = if is_separate { &points } else { &worn };
+    let ends_s = [used[0].t_s, used[used.len() - 1].t_s];
+    let bends = is_separate.then_some(if references.len() < BENT_LEAST { 0 } else { BENDS });
+    let middle = worn.iter().map(|point| point.cycle).sum::<f64>() / worn.len() as f64;
+    let rows = used.iter().map(|point| (row(point, middle, ends_s, bends), point.log_gain));
+    let curved = Fit::of(rows.clone().collect());
+    let straight = rows.map(|(row, log_gain)| (from_fn(|i| if i == CURVE { 0.0 } else { row[i] }), log_gain)).collect();
+    let is_worn = worn.iter().any(|point| point.cycle != worn[0].cycle);
+    let fit = Fit::of(straight).filter(|_| is_worn).ok_or(OverTimeError::Singular)?;
     Ok(Wear {
         wear_per_cycle: fit.estimate(WEAR),
         drift_per_h: is_separate.then(|| fit.estimate(DRIFT)),
         is_separate,
-        is_bent: bent.is_some(),
-        fits: fit.residuals_are_random(&points),
-        residual_sd: fit.sd(),
+        fits: curved.is_none_or(|fit| fit.parameters[CURVE].abs() <= CURVE_MOST * fit.half(CURVE)),
+        residual_sd: fit.sd,
         presses: worn.len(),
         references: references.len(),
     })
 }
 
-fn span_s(sorted: &[CyclePoint]) -> f64 {
-    sorted.first().zip(sorted.last()).map_or(0.0, |(first, last)| last.t_s - first.t_s)
+/// Returns the factors of the parameters in the log of a gain. `middle` is the mean cycle, which makes the curve
+/// independent of the wear. `ends_s` has the times of the first and the last press. A bend is 0 at both, so the drift
+/// is the mean one. It is left out without a number of bends.
+fn row(point: &CyclePoint, middle: f64, [first_s, last_s]: [f64; 2], bends: Option<usize>) -> [f64; PARAMETERS] {
+    let mut row = [0.0; PARAMETERS];
+    match point.is_reference {
+        true => row[1] = 1.0,
+        false => [row[0], row[WEAR], row[CURVE]] = [1.0, point.cycle - middle, (point.cycle - middle).powi(2)],
+    }
+    if let Some(bends) = bends {
+        row[DRIFT] = (point.t_s - first_s) / 3600.0;
+        let share = (point.t_s - first_s) / (last_s - first_s);
+        for bend in 1..=bends {
+            let at = bend as f64 / (BENDS + 1) as f64;
+            row[DRIFT + bend] = (share / at).min((1.0 - share) / (1.0 - at));
+        }
+    }
+    row
 }
 
-/// Shape of the drift over time.
-struct Drift {
-    is_known: bool,
-    first_s: f64,
-    last_s: f64,
-    /// Times of the bends; none for a straight line.
-    bends_s: Vec<f64>,
-}
-
-impl Drift {
-    fn straight(sorted: &[CyclePoint], is_known: bool) -> Drift {
-        let first_s = sorted.first().map_or(0.0, |point| point.t_s);
-        Drift { is_known, first_s, last_s: first_s + span_s(sorted), bends_s: Vec::new() }
-    }
-
-    /// The line bent at some of the references, if they show that it isn't straight. Worn presses don't decide, because wear that isn't
-    /// proportional to the cycles would look like a bend.
-    fn bent_at(&self, references: &[CyclePoint]) -> Option<Drift> {
-        let at = |bend: usize| references[bend * references.len() / (BENDS + 1)].t_s;
-        let bent = Drift { bends_s: (1..=BENDS).map(at).collect(), ..*self };
-        let (with, without) = (Fit::of(references, &bent)?, Fit::of(references, self)?);
-        (by_chance(with.squares, without.squares, BENDS, with.freedom) < CHANCE).then_some(bent)
-    }
-
-    /// Factors of the parameters in the log of a gain. A bend is 0 at the first and the last press, so the drift is the mean one.
-    fn row(&self, point: &CyclePoint) -> [f64; PARAMETERS] {
-        let mut row = [0.0; PARAMETERS];
-        match point.is_reference {
-            true => row[1] = 1.0,
-            false => [row[0], row[WEAR]] = [1.0, point.cycle],
-        }
-        if self.is_known {
-            row[DRIFT] = (point.t_s - self.first_s) / 3600.0;
-        }
-        for (factor, bend_s) in row[DRIFT + 1..].iter_mut().zip(&self.bends_s) {
-            let rising = (point.t_s - self.first_s) / (bend_s - self.first_s);
-            *factor = rising.min((self.last_s - point.t_s) / (self.last_s - bend_s));
-        }
-        row
-    }
-}
-
-/// Least-squares fit with a drift.
+/// Least-squares fit.
 struct Fit {
     parameters: [f64; PARAMETERS],
     /// Variance of each parameter for a noise of 1.
     variances: [f64; PARAMETERS],
-    residuals: Vec<f64>,
-    /// Sum of the squared residuals, and the number of points minus that of parameters.
-    squares: f64,
+    /// Number of points minus that of parameters.
     freedom: usize,
+    /// Standard deviation of one log of a gain.
+    sd: f64,
 }
 
 impl Fit {
-    /// `None` if the points don't determine the parameters, or leave no degree of freedom.
-    fn of(points: &[CyclePoint], drift: &Drift) -> Option<Fit> {
-        let rows = || points.iter().map(|point| (drift.row(point), point.log_gain));
-        let equations = LeastSquares::of(rows().map(|(row, log_gain)| (row, log_gain, 1.0)));
-        let (parameters, variances) = (equations.solve()?, equations.variances()?);
-        let solved =
-            |row: [f64; PARAMETERS]| row.iter().zip(parameters).map(|(factor, value)| factor * value).sum::<f64>();
-        let residuals: Vec<f64> = rows().map(|(row, log_gain)| log_gain - solved(row)).collect();
-        let used = (0..PARAMETERS).filter(|&i| rows().any(|(row, _)| row[i] != 0.0)).count();
-        let squares = residuals.iter().map(|residual| residual * residual).sum();
-        let freedom = points.len().checked_sub(used).filter(|freedom| *freedom > 0)?;
-        Some(Fit { parameters, variances, residuals, squares, freedom })
+    /// `None` if the rows don't determine the parameters, or leave no degree of freedom. Each has its log of the gain.
+    fn of(rows: Vec<([f64; PARAMETERS], f64)>) -> Option<Fit> {
+        let equations = LeastSquares::of(rows.iter().map(|(row, log_gain)| (*row, *log_gain, 1.0)));
+        let [parameters, variances] = equations.solve()?;
+        let used = (0..PARAMETERS).filter(|&i| rows.iter().any(|(row, _)| row[i] != 0.0)).count();
+        let freedom = rows.len().checked_sub(used).filter(|freedom| *freedom > 0)?;
+        let solved = |row: &[f64]| row.iter().zip(parameters).map(|(factor, value)| factor * value).sum::<f64>();
+        let squares: f64 = rows.iter().map(|(row, log_gain)| (log_gain - solved(row)).powi(2)).sum();
+        Some(Fit { parameters, variances, freedom, sd: (squares / freedom as f64).sqrt() })
     }
 
-    fn sd(&self) -> f64 {
-        (self.squares / self.freedom as f64).sqrt()
+    /// Half the 95 % interval of a parameter.
+    fn half(&self, parameter: usize) -> f64 {
+        interval_sigmas(self.freedom) * self.sd * self.variances[parameter].sqrt()
     }
 
     fn estimate(&self, parameter: usize) -> Estimate {
-        let value = self.parameters[parameter];
-        let half = interval_sigmas(self.freedom) * self.sd() * self.variances[parameter].sqrt();
+        let (value, half) = (self.parameters[parameter], self.half(parameter));
         Estimate { value, interval: [value - half, value + half] }
-    }
-
-    /// Whether residuals at the worn place differ from one to the next as random ones do (von Neumann). The points are those of the fit.
-    fn residuals_are_random(&self, points: &[CyclePoint]) -> bool {
-        let worn = self.residuals.iter().zip(points).filter(|(_, point)| !point.is_reference);
-        let residuals: Vec<f64> = worn.map(|(residual, _)| *residual).collect();
-        let squares: f64 = residuals.iter().map(|residual| residual * residual).sum();
-        let steps: f64 = residuals.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
-        0.5 * steps >= squares * (1.0 - MISFIT_SIGMAS / (residuals.len() as f64).sqrt())
     }
 }
