@@ -53,6 +53,9 @@ fn what_is_not_determined_is_left_out_and_stated() {
     }
     let constant = relaxation(&t_s, &[0.1; 2000]).unwrap();
     assert!(constant.terms.is_empty() && !constant.undetermined, "{constant:?}");
+    // a small second term near the first one: its interval reaches from 1 s to 7 s
+    let near = relaxation(&t_s, &relaxing(&t_s, &[(0.1, 1.0), (0.02, 2.0)], 0.003, "b")).unwrap();
+    assert!(near.terms.len() == 1 && near.undetermined, "{near:?}");
     // gone before the second reading
     let mut first = relaxing(&t_s, &[], 0.005, "first");
     first[0] += 1.0;
