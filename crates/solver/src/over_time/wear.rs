@@ -33,7 +33,7 @@ const CURVE_MOST: f64 = 1.5;
 /// A press of a series at one place, or a reference press in between.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CyclePoint {
-    /// Number of presses at the worn place so far. It isn't used for a reference.
+    /// Number of presses at the worn place so far. A reference may have any finite number.
     pub cycle: f64,
     /// Time, s.
     pub t_s: f64,
@@ -70,7 +70,7 @@ pub struct Wear {
     pub fits: bool,
     /// Standard deviation of the log of one gain about the model.
     pub residual_sd: f64,
-    /// Number of presses at the worn place, and of references.
+    /// Number of presses at the worn place.
     pub presses: usize,
     /// Number of references.
     pub references: usize,
