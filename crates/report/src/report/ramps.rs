@@ -48,7 +48,7 @@ pub(super) fn section(all: &[Followed]) -> Option<Section> {
             "away and on the way back, at the same force: hysteresis, creep and delays of the devices."
         }
     };
-    Section::of_figures("Ramps", &note, presses.iter().take(MOST_DRAWN).map(|press| drawn(press)).collect())
+    Section::of_figures("Ramps", &note, presses.iter().take(MOST_DRAWN).map(drawn).collect())
 }
 
 fn speed_mm_s(followed: &Followed) -> f64 {
