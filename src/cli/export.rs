@@ -152,7 +152,13 @@ fn add_series(
     format: ExportFormat,
     folder: &Path,
 ) -> Result<(), Failure> {
-    export::add_series(frames, run, &frame::manifest(run), format, folder).map_err(unwritten)
+    match export::add_series(frames, run, &frame::manifest(run), format, folder) {
+        Err(error @ DatasetError::Series { .. }) => {
+            note(&format!("note: {error}: the table `series` was left out"));
+            Ok(())
+        }
+        added => added.map_err(unwritten),
+    }
 }
 
 /// A run with readings was made by a program that was built with `files`: its other tables are exported by any.

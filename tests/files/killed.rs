@@ -35,7 +35,7 @@ pub(crate) fn visible(lake: &Path) -> Vec<(PathBuf, i64)> {
     found
 }
 
-/// A run after some of its presses: the beginning of its journal, and no other files.
+/// A run after some of its presses: the beginning of its journal, its readings, and no other files.
 fn cut(bench: &TestFolder, run: &str, part: &str, contacts: usize) {
     let journal = bench.read(&format!("{run}/journal.log"));
     let mut left = contacts;
@@ -47,6 +47,7 @@ fn cut(bench: &TestFolder, run: &str, part: &str, contacts: usize) {
     let kept: String = kept.map(|line| format!("{line}\n")).collect();
     fs::create_dir(bench.path(part)).unwrap();
     bench.write(&format!("{part}/journal.log"), &kept);
+    fs::copy(bench.path(&format!("{run}/series.arrows")), bench.path(&format!("{part}/series.arrows"))).unwrap();
 }
 
 #[test]

@@ -169,6 +169,8 @@ fn changed_short_and_missing_files_are_named_before_anything_moves() {
     let expected = format!("series.arrows has {} bytes; the journal states {}", cut.len(), sound.len());
     assert!(refused.contains(&expected), "{refused}");
     assert!(verified(None).contains("series.arrows is missing"));
+    let exported = bench.palpate_ends(0, "export run --format csv --out csv").running();
+    assert!(exported.contains("the table `series` was left out") && bench.has("csv/presses.csv"), "{exported}");
     fs::write(&path, &sound).unwrap();
     bench.palpate_ends(0, "verify run");
 }

@@ -33,7 +33,12 @@ impl RecordedSeries {
     pub fn open(folder: &Path, bytes: u64) -> Result<RecordedSeries, DatasetError> {
         let path = folder.join(SERIES);
         let failed = |why| DatasetError::io("reading", &path)(why);
-        let file = files::open(&path).map_err(failed)?;
+        let file = match files::open(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                return Err(DatasetError::Series { path, bytes: 0, recorded: bytes });
+            }
+            opened => opened.map_err(failed)?,
+        };
         let length = file.metadata().map_err(failed)?.len();
         if length < bytes {
             return Err(DatasetError::Series { path, bytes: length, recorded: bytes });
