@@ -11,9 +11,9 @@ use miette::Diagnostic;
 use palpate_control::{MainsInterference, Reaction, Trip};
 use palpate_core::quantity::AxesCheck;
 use palpate_drivers::lines::ForceCounts;
-use palpate_link::device::{Identity, shown};
+use palpate_link::device::{DeviceError, Identity, shown};
 use palpate_run::rig::{GAIN_UNKNOWN, RigSpec};
-use palpate_run::run::{Examination, ForceCheck, NOISE_SHARE, NoLoadCell, ShownBy, Weighing, examine};
+use palpate_run::run::{Examination, Examined, ForceCheck, NOISE_SHARE, NoLoadCell, ShownBy, Weighing, examine};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -91,7 +91,7 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
         None => ForceCheck::Press, // also instead of a finger, which no simulated rig feels
     };
     let looked = examine(&spec, args.rig.seed, &cancel, asked);
-    let found = block_on(spec.is_simulated(), looked)?.map_err(Failure::halted)?;
+    let mut found = block_on(spec.is_simulated(), looked)?.map_err(Failure::halted)?;
     let place = (args.rig.rig.as_path(), text.as_str(), invented);
     let weighed = found.weighed.as_ref().and_then(|weighed| weighed.as_ref().ok());
     let weighed = weighed.map(|weighed| concluded(&args.weight, weighed, &rig, place)).transpose()?;
@@ -104,7 +104,7 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
         axes = Some(check);
     }
     args.output.print(&text, &json(&found, &advice, (weighed.as_ref().map(|weighed| &weighed.json), axes.as_ref())))?;
-    let failed = found.devices.into_iter().find_map(|(_, device)| device.err());
+    let failed = found.take_failure();
     let axes_failed = found.weighed_axes.and_then(Result::err);
     match (failed, found.no_load, found.shown) {
         (Some(error), ..) => Err(Failure::halted(error.into())),
@@ -143,7 +143,7 @@ fn devices_alone(args: &DoctorArgs, rig: &RigSpec) -> Result<ExitCode, Failure> 
     found.exchanges_s = [stage, array, Vec::new()];
     let text = described(&found, rig, &[]) + "\nno load cell: presses are by depth, and nothing was moved\n";
     args.output.print(&text, &json(&found, &[], (None, None)))?;
-    match found.devices.into_iter().find_map(|(_, device)| device.err()) {
+    match found.take_failure() {
         Some(error) => Err(Failure::halted(error.into())),
         None => Ok(ExitCode::SUCCESS),
     }
@@ -164,6 +164,13 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             Ok(identity) => write!(text, "{}", beside(role, 11, &identity.identity)),
             Err(_) => writeln!(text, "{role:<11}fails: see below"),
         };
+    }
+    for (name, monitor) in &found.monitors {
+        let found = match monitor {
+            Ok((identity, value)) => format!("{name} is {value}, read by {}", identity.identity),
+            Err(_) => format!("{name} fails: see below"),
+        };
+        text += &beside("monitor", 11, &found);
     }
     if let Some((_, Err(why))) = &found.counts {
         let _ = writeln!(text, "{:<11}its web page doesn't confirm the counts per N: {why}", "");
@@ -270,6 +277,10 @@ fn wrapped(advice: &[String]) -> String {
 /// Returns advice for the user about the results.
 fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
     let mut advice = Vec::new();
+    let failure = |error: &DeviceError| {
+        let help = error.help().map(|help| format!(": {help}")).unwrap_or_default();
+        format!("{error}{help}")
+    };
     for (role, device) in &found.devices {
         match device {
             Ok(identity) => {
@@ -277,10 +288,18 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
                 let left = identity.warnings.iter().filter(|warning| !is_done(warning));
                 advice.extend(left.map(|warning| format!("{role}: {warning}")));
             }
-            Err(error) => {
-                let help = error.help().map(|help| format!(": {help}")).unwrap_or_default();
-                advice.push(format!("{error}{help}"));
+            Err(error) => advice.push(failure(error)),
+        }
+    }
+    for (monitor, (name, found)) in spec.monitors.iter().zip(&found.monitors) {
+        match found {
+            Ok((_, value)) if !monitor.admits(*value) => {
+                advice.push(format!("monitor {name}: {value} is outside its `bounds`, so no press would begin"));
             }
+            Ok((identity, _)) => {
+                advice.extend(identity.warnings.iter().map(|warning| format!("monitor {name}: {warning}")));
+            }
+            Err(error) => advice.push(failure(error)),
         }
     }
     if let Some((of_rig, Ok(stated))) = &found.counts {
@@ -376,6 +395,8 @@ fn histogram(seconds: &[f64]) -> String {
 #[derive(Serialize)]
 struct DoctorJson<'a> {
     devices: Vec<ExaminedDevice<'a>>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    monitors: Vec<ExaminedMonitor<'a>>,
     zero_n: Option<f64>,
     noise_n: Option<f64>,
     fresh_share: Option<f64>,
@@ -399,6 +420,14 @@ struct ExaminedDevice<'a> {
     exchange_ms: Vec<f64>,
 }
 
+#[derive(Serialize)]
+struct ExaminedMonitor<'a> {
+    name: &'a str,
+    identity: Option<&'a Identity>,
+    value: Option<f64>,
+    error: Option<String>,
+}
+
 fn json<'a>(
     found: &'a Examination,
     advice: &'a [String],
@@ -408,11 +437,18 @@ fn json<'a>(
     let device = |((role, device), exchanges_s): (&'a (&'static str, Result<Identity, _>), &Vec<f64>)| ExaminedDevice {
         role,
         identity: device.as_ref().ok(),
-        error: device.as_ref().err().map(|error: &palpate_link::device::DeviceError| error.to_string()),
+        error: device.as_ref().err().map(|error: &DeviceError| error.to_string()),
         exchange_ms: ms(exchanges_s),
+    };
+    let monitor = |(name, found): &'a Examined| ExaminedMonitor {
+        name,
+        identity: found.as_ref().ok().map(|(identity, _)| identity),
+        value: found.as_ref().ok().map(|(_, value)| *value),
+        error: found.as_ref().err().map(DeviceError::to_string),
     };
     let no_load = found.no_load.as_ref().and_then(|no_load| no_load.as_ref().ok());
     DoctorJson {
+        monitors: found.monitors.iter().map(monitor).collect(),
         devices: found.devices.iter().zip(&found.exchanges_s).map(device).collect(),
         zero_n: no_load.map(|no_load| no_load.zero.offset_n),
         noise_n: no_load.map(|no_load| no_load.zero.sigma_n),

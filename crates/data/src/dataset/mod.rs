@@ -71,10 +71,10 @@ pub use mapping::{COLUMN_KEYS, Mapping};
 pub use new_folder::make_folder;
 use palpate_core::quantity::round;
 pub use places::SAME_PLACE_MM;
-pub use press::{COLUMNS, OUTPUTS, Press, PressColumn, output_name};
+pub use press::{COLUMNS, OUTPUTS, Press, PressColumn, is_press_column, output_name};
 pub use press::{Presence, RunColumns};
 pub use presses::Presses;
-pub use record::{Left, NoLoad, Peaks, PressTruth, Record, RecordedContact, RecordedSurface, Retouch, SurfaceFinder};
+pub use record::{Left, MonitorValue, NoLoad, Peaks, PressTruth, Record, RecordedContact, RecordedSurface, Retouch, SurfaceFinder};
 pub use recorded::{Recorded, Texts, journal_sha256, source_fingerprint};
 pub use series::{
     ReadValue, Reading, Readings, SERIES, SeriesColumn, SeriesError, SeriesMark, SeriesQueue, SeriesRequest,

@@ -23,6 +23,10 @@ const PARTS: [BudgetPart; 5] = [
     ("mains interference", "rest after averaging whole periods, arcsine", |budget| Some(budget.hum_n)),
 ];
 
+/// Part that only runs with a monitored temperature have.
+const TEMPERATURE: BudgetPart =
+    ("temperature", "change of the load cell's sensitivity by its certificate, rectangular", |budget| budget.temperature_n);
+
 /// Creates a row for each part of the budget; `None` if no run has budgets.
 pub(super) fn section(subject: &Subject) -> Option<Markup> {
     let budgets: Vec<UncertaintyBudget> = subject.runs.iter().flat_map(pressed).collect();
@@ -44,7 +48,8 @@ pub(super) fn section(subject: &Subject) -> Option<Markup> {
     let unknown = combined
         .is_empty()
         .then_some("the load cell was not checked with a known weight, and the rig file has no certificate of it");
-    let parts = PARTS.iter().map(|(name, known, of)| row(name, known, budgets.iter().filter_map(of).collect()));
+    let temperature = budgets.iter().any(|budget| budget.temperature_n.is_some()).then_some(&TEMPERATURE);
+    let parts = PARTS.iter().chain(temperature).map(|(name, known, of)| row(name, known, budgets.iter().filter_map(of).collect()));
     let whole = [
         row("combined, u", unknown.unwrap_or("root of the sum of squares"), combined),
         row(&format!("expanded, U (k = {COVERAGE})"), unknown.map_or("k times u", |_| "as above"), expanded),

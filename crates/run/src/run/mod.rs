@@ -15,6 +15,7 @@ mod examine;
 mod execute;
 mod feel;
 mod home;
+mod monitors;
 mod motion;
 mod no_load_outputs;
 mod pace;
@@ -41,6 +42,7 @@ pub use estimate::{estimated_s, first_descent};
 pub use examine::{Examination, ForceCheck, NoLoadCell, examine};
 pub use execute::{Ending, Listener, RunJob, execute, execute_on};
 pub use home::{Retracted, retract};
+pub use monitors::Examined;
 pub use pace::keep_pace;
 pub use ready::NOISE_SHARE;
 pub use retraction::Remaining;
@@ -57,6 +59,8 @@ pub enum Halt {
     Cancelled,
     /// A safety rule was broken.
     Tripped(Trip),
+    /// A monitored value was outside its bounds for too long. The run can continue later.
+    OutOfBounds(String),
     /// A device failed.
     Device(DeviceError),
     /// The record couldn't be written.

@@ -1,0 +1,167 @@
+//! `[[monitor]]`: slow devices with one value, such as a thermometer, that are read between presses.
+//!
+//! A monitor is an array with one output. Its driver sees a rig whose array it is, so every family of arrays can be one.
+
+use super::driver::read_array_driver;
+use super::emulated::EmulatedDevice;
+use super::family::{Beside, with_help};
+use super::keys::{monitor, root};
+use super::spec::{ArraySpec, Dial, LoadCellSpec, RigSpec, RigWiring};
+use palpate_core::quantity::{ArrayLayout, Place, Range};
+use palpate_data::dataset::is_press_column;
+use palpate_document::{self as document, Problem, Table};
+use palpate_drivers::AnyArray;
+use palpate_link::device::DeviceError;
+use palpate_link::time::Instant;
+use palpate_link::wire::Link;
+use palpate_sim::emulator::Shared;
+use palpate_sim::scene::{Monitored, MonitoredValue, Scene};
+use std::sync::{Arc, Mutex};
+
+/// Name of the monitor whose value is the temperature of the rig, degrees Celsius.
+pub const TEMPERATURE: &str = "temperature_c";
+
+/// Longest name of a monitor, characters.
+const NAME_MAX: usize = 40;
+
+/// A slow device whose value is kept beside every press.
+#[derive(Clone, Debug)]
+pub struct MonitorSpec {
+    /// Name of the value, which ends in its unit.
+    pub name: String,
+    /// The device: an array with one output.
+    pub array: ArraySpec,
+    /// Factor of the reading.
+    pub scale: f64,
+    /// Value at a reading of 0.
+    pub offset: f64,
+    /// Least time from one reading to the next, s.
+    pub every_s: f64,
+    /// Range outside which no press begins; `None`: any value will do.
+    pub bounds: Option<Range>,
+    /// Longest wait for a value within the bounds, s.
+    pub wait_s: f64,
+}
+
+/// Emulator of a monitor, and the scene of its own that it acts on.
+pub struct EmulatedMonitor {
+    pub(super) device: EmulatedDevice,
+    pub(super) scene: Shared<Scene>,
+}
+
+impl MonitorSpec {
+    /// Whether a press may begin at this value.
+    pub fn admits(&self, value: f64) -> bool {
+        self.bounds.is_none_or(|bounds| bounds.contains(value))
+    }
+
+    /// Returns the driver on its link, which `dial` opens. Nothing is sent.
+    pub(super) fn open(
+        &self,
+        rig: &RigSpec,
+        dial: Dial,
+        scene: Option<Shared<Scene>>,
+        origin: Instant,
+    ) -> Result<AnyArray, DeviceError> {
+        let opened = self.array.driver.open(dial, &RigWiring::new(&self.seen_in(rig), scene, origin));
+        opened.map_err(|error| self.named(error))
+    }
+
+    /// Returns the emulator that answers the driver. Its readings depend on the time and the temperature of the rig's scene.
+    pub(super) fn emulated(&self, rig: &RigSpec, scene: &Scene) -> Result<EmulatedMonitor, DeviceError> {
+        let device = self.array.driver.emulated(&self.seen_in(rig)).map_err(|error| self.named(error))?;
+        let middle = self.bounds.map_or(0.0, |bounds| f64::midpoint(bounds.min, bounds.max));
+        let value =
+            if self.name == TEMPERATURE { MonitoredValue::Temperature } else { MonitoredValue::Constant(middle) };
+        let scene = scene.clone().monitored(Monitored { value, scale: self.scale, offset: self.offset });
+        Ok(EmulatedMonitor { device, scene: Arc::new(Mutex::new(scene)) })
+    }
+
+    /// Returns an error of the driver with the name of the monitor: the driver takes itself for the array.
+    pub fn named(&self, error: DeviceError) -> DeviceError {
+        DeviceError { device: error.device.replacen("array", &self.role(), 1), ..error }
+    }
+
+    /// Role of the monitor in messages and among the devices of a run.
+    pub fn role(&self) -> String {
+        format!("monitor {}", self.name)
+    }
+
+    /// Returns the rig as the driver sees it: nothing else is wired to the device.
+    fn seen_in(&self, rig: &RigSpec) -> RigSpec {
+        RigSpec { load_cell: LoadCellSpec::none(), array: self.array.clone(), monitors: Vec::new(), ..rig.clone() }
+    }
+}
+
+/// Reads every `[[monitor]]`.
+pub(super) fn read_monitors(rig: &Table, beside: Beside) -> Option<Vec<MonitorSpec>> {
+    let tables = rig.tables(&root::monitor);
+    let monitors = document::all(tables.iter().map(|table| read_monitor(table, beside)))?;
+    for (nth, (monitor, table)) in monitors.iter().zip(&tables).enumerate() {
+        if monitors[..nth].iter().any(|before| before.name == monitor.name) {
+            let text = format!("two monitors have the name `{}`", monitor.name);
+            table.complain(Problem::new(table.span_of(&monitor::name), text));
+        }
+    }
+    Some(monitors)
+}
+
+fn read_monitor(table: &Table, beside: Beside) -> Option<MonitorSpec> {
+    let name = read_name(table);
+    let driver = read_array_driver(table, beside);
+    let numbers = table.numbers([monitor::scale, monitor::offset, monitor::every_s, monitor::wait_s]);
+    let bounds = if table.has(&monitor::bounds) { table.range(&monitor::bounds).map(Some) } else { Some(None) };
+    let layout = ArrayLayout::from_places(vec![Place::default()]);
+    if let Some((text, help)) = driver.as_ref().and_then(|(driver, _)| driver.misfit(&layout)) {
+        table.complain(with_help(table.span_of(&monitor::driver), format!("a monitor has one output: {text}"), help));
+    }
+    let ([scale, offset, every_s, wait_s], (driver, link)) = (numbers?, driver?);
+    if scale == 0.0 {
+        let text = "`scale` is 0, so the value would never change";
+        table.complain(Problem::new(table.span_of(&monitor::scale), text));
+    }
+    let array = ArraySpec { range_v: driver.range_v(), driver, link, layout, unit: String::new() };
+    Some(MonitorSpec { name: name?, array, scale, offset, every_s, bounds: bounds?, wait_s })
+}
+
+fn read_name(table: &Table) -> Option<String> {
+    let name = table.text(&monitor::name)?;
+    let is_plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+    let text = if !(1..=NAME_MAX).contains(&name.chars().count()) || !name.chars().all(is_plain) {
+        format!("`name` is {name:?}, expected 1 to {NAME_MAX} lower-case letters, digits and underscores")
+    } else if is_press_column(name) {
+        format!("`name` is \"{name}\", which is a column of presses.csv")
+    } else {
+        return Some(name.to_owned());
+    };
+    table.complain(Problem::new(table.span_of(&monitor::name), text));
+    None
+}
+
+/// Checks the monitors against each other and the rest of the rig.
+pub(super) fn check_monitors(spec: &RigSpec, rig: &Table) {
+    let mut taken = vec![("[stage]".to_owned(), &spec.stage.link), ("[array]".to_owned(), &spec.array.link)];
+    taken.extend(spec.has_load_cell().then(|| ("[load_cell]".to_owned(), &spec.load_cell.link)));
+    for (monitor, table) in spec.monitors.iter().zip(rig.tables(&root::monitor)) {
+        let seen = monitor.seen_in(spec);
+        for misfit in monitor.array.driver.misfits(&seen) {
+            table.complain(with_help(table.span(), misfit.text, misfit.help));
+        }
+        let link = &monitor.array.link;
+        if let Some((other, _)) = taken.iter().find(|(_, other)| is_one_device(link, other)) {
+            let text = format!("the monitor {} and {other} have the same link {link}", monitor.name);
+            let help = "a monitor is read while nothing else is, through a port or an NI device of its own";
+            table.complain(Problem::new(table.span_of(&monitor::link), text).help(help));
+        }
+        taken.push((format!("the monitor {}", monitor.name), link));
+    }
+}
+
+/// Whether two links lead to one device that only one driver can use. NI's library runs one task on a device.
+fn is_one_device(one: &Link, other: &Link) -> bool {
+    match (one, other) {
+        (Link::Serial { port: one, .. }, Link::Serial { port: other, .. }) => one == other,
+        (Link::Daqmx(_), Link::Daqmx(_)) => true,
+        _ => false,
+    }
+}

@@ -1,0 +1,35 @@
+//! What a slow device beside a simulated rig reads.
+
+/// Temperature of a scene that doesn't name one, degrees Celsius.
+const ROOM_C: f64 = 23.0;
+
+/// Readings of a monitor. Its emulator acts on a scene of its own, whose only output they are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Monitored {
+    /// The quantity.
+    pub value: MonitoredValue,
+    /// The quantity is `scale` times the reading, plus `offset`.
+    pub scale: f64,
+    /// Quantity at a reading of 0.
+    pub offset: f64,
+}
+
+/// Quantity that a monitor measures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MonitoredValue {
+    /// Temperature of the scene, degrees Celsius; 23 if the scene doesn't name one.
+    Temperature,
+    /// Any other quantity, which doesn't change.
+    Constant(f64),
+}
+
+impl Monitored {
+    /// Reading in a scene with this temperature, degrees Celsius.
+    pub(super) fn reading(&self, temperature_c: Option<f64>) -> f64 {
+        let value = match self.value {
+            MonitoredValue::Temperature => temperature_c.unwrap_or(ROOM_C),
+            MonitoredValue::Constant(value) => value,
+        };
+        (value - self.offset) / self.scale
+    }
+}
