@@ -15,6 +15,7 @@ mod figures;
 mod frame;
 mod headline;
 mod judged;
+mod monitors;
 mod numbers;
 mod record;
 mod side_by_side;
@@ -48,6 +49,7 @@ pub fn page(subject: &Subject, judged: &SensorResults) -> Page {
         figures::dependences(subject, judged),
         figures::expected(subject, judged),
         record::section(subject),
+        monitors::section(subject),
         uncertainty::section(subject).map(Section::from),
         facts::section(subject).map(Section::from),
     ];

@@ -29,6 +29,9 @@ use std::time::Duration;
 /// again. Then noise and mains interference are up to date too.
 const NEW_ZERO_SHARE: f64 = 0.05;
 
+/// Longest time that monitors may take after which the readings without load still count for the next press.
+const NO_LOAD_FRESH: Duration = Duration::from_millis(50);
+
 /// Task of a run: a plan on a rig, recorded in a ledger.
 pub struct RunJob<'a> {
     /// The plan.
@@ -354,9 +357,13 @@ impl Runner<'_> {
 
     /// Reads the monitors without load, and rests until their values are within their bounds.
     async fn await_monitors(&mut self, next: Place) -> Result<(), Halt> {
+        let began = Instant::now();
         while let Some(Wait { seconds, text }) = self.monitors.look(self.conditions.clock).await? {
             text.iter().for_each(|text| self.listener.waits(text));
             self.rest(seconds, next).await?;
+        }
+        if began.elapsed() > NO_LOAD_FRESH {
+            self.standby = self.standby.take().map(|standby| Standby { no_load: None, ..standby });
         }
         Ok(())
     }
