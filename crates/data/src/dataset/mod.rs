@@ -74,7 +74,9 @@ pub use places::SAME_PLACE_MM;
 pub use press::{COLUMNS, OUTPUTS, Press, PressColumn, is_press_column, output_name};
 pub use press::{Presence, RunColumns};
 pub use presses::Presses;
-pub use record::{Left, MonitorValue, NoLoad, Peaks, PressTruth, Record, RecordedContact, RecordedSurface, Retouch, SurfaceFinder};
+pub use record::{
+    Left, MonitorValue, NoLoad, Peaks, PressTruth, Record, RecordedContact, RecordedSurface, Retouch, SurfaceFinder,
+};
 pub use recorded::{Recorded, Texts, journal_sha256, source_fingerprint};
 pub use series::{
     ReadValue, Reading, Readings, SERIES, SeriesColumn, SeriesError, SeriesMark, SeriesQueue, SeriesRequest,

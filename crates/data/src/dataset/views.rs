@@ -57,7 +57,8 @@ pub(super) fn write<'a>(
     }
     for (press, Peaks { force_peak_n, depth_peak_mm }) in trips {
         let press = press.map_or_else(String::new, |press| press.to_string());
-        opened(&mut scene, folder, SCENE, SCENE_HEADER)?.write(&format!("{press},trip,,{force_peak_n},{depth_peak_mm}\n"))?;
+        opened(&mut scene, folder, SCENE, SCENE_HEADER)?
+            .write(&format!("{press},trip,,{force_peak_n},{depth_peak_mm}\n"))?;
     }
     presses.publish()?;
     let staircases = staircases.some();

@@ -17,7 +17,10 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         }
     }
     let figure = |(name, points): (&&str, &Vec<_>)| {
-        Some(by_press(&format!("Monitor {name}"), name, points, Upright::Fitted)?.named(&format!("press-monitor-{name}")))
+        Some(
+            by_press(&format!("Monitor {name}"), name, points, Upright::Fitted)?
+                .named(&format!("press-monitor-{name}")),
+        )
     };
     let drawn: Vec<_> = values.iter().filter_map(figure).collect();
     let before = html! {

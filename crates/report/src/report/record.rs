@@ -39,16 +39,26 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         held.iter().filter_map(|held| Some((held.phase, held.press, held.over_mn?))).collect();
     let drifts = drifts(&subject.runs);
     let drawn = [
-        ("press-force-errors", "Force in the window minus the set force", "force error, mN", &errors, Upright::AroundZero),
-        ("press-overshoots", "Largest true force minus the set force", "overshoot, mN", &overshoots, Upright::AroundZero),
+        (
+            "press-force-errors",
+            "Force in the window minus the set force",
+            "force error, mN",
+            &errors,
+            Upright::AroundZero,
+        ),
+        (
+            "press-overshoots",
+            "Largest true force minus the set force",
+            "overshoot, mN",
+            &overshoots,
+            Upright::AroundZero,
+        ),
         ("press-zero-drift", "Drift of the load cell's zero", "zero drift, mN", &drifts, Upright::AroundZero),
         ("press-times", "Time of each press", "time, s", &times, Upright::FromZero),
     ];
     let drawn: Vec<PageFigure> = drawn
         .into_iter()
-        .filter_map(|(stem, title, label, points, upright)| {
-            by_press(title, label, points, upright)?.named(stem).into()
-        })
+        .filter_map(|(stem, title, label, points, upright)| by_press(title, label, points, upright)?.named(stem).into())
         .collect();
     let before = html! {
         (table(&head, &rows))
@@ -169,12 +179,7 @@ pub(super) enum Upright {
 }
 
 /// Returns one panel of points by press, with a mark for each phase that has points. `None` if there are no points.
-pub(super) fn by_press(
-    title: &str,
-    label: &str,
-    points: &[(Phase, f64, f64)],
-    upright: Upright,
-) -> Option<PageFigure> {
+pub(super) fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], upright: Upright) -> Option<PageFigure> {
     let value = |(_, _, value): &(Phase, f64, f64)| *value;
     let largest = points.iter().map(value).reduce(f64::max)?;
     let smallest = points.iter().map(value).fold(largest, f64::min);

@@ -25,7 +25,9 @@ const PARTS: [BudgetPart; 5] = [
 
 /// Part that only runs with a monitored temperature have.
 const TEMPERATURE: BudgetPart =
-    ("temperature", "change of the load cell's sensitivity by its certificate, rectangular", |budget| budget.temperature_n);
+    ("temperature", "change of the load cell's sensitivity by its certificate, rectangular", |budget| {
+        budget.temperature_n
+    });
 
 /// Creates a row for each part of the budget; `None` if no run has budgets.
 pub(super) fn section(subject: &Subject) -> Option<Markup> {
@@ -49,7 +51,10 @@ pub(super) fn section(subject: &Subject) -> Option<Markup> {
         .is_empty()
         .then_some("the load cell was not checked with a known weight, and the rig file has no certificate of it");
     let temperature = budgets.iter().any(|budget| budget.temperature_n.is_some()).then_some(&TEMPERATURE);
-    let parts = PARTS.iter().chain(temperature).map(|(name, known, of)| row(name, known, budgets.iter().filter_map(of).collect()));
+    let parts = PARTS
+        .iter()
+        .chain(temperature)
+        .map(|(name, known, of)| row(name, known, budgets.iter().filter_map(of).collect()));
     let whole = [
         row("combined, u", unknown.unwrap_or("root of the sum of squares"), combined),
         row(&format!("expanded, U (k = {COVERAGE})"), unknown.map_or("k times u", |_| "as above"), expanded),

@@ -45,8 +45,10 @@ pub struct MonitorSpec {
 
 /// Emulator of a monitor, and the scene of its own that it acts on.
 pub struct EmulatedMonitor {
-    pub(super) device: EmulatedDevice,
-    pub(super) scene: Shared<Scene>,
+    /// The emulator.
+    pub device: EmulatedDevice,
+    /// Its scene.
+    pub scene: Shared<Scene>,
 }
 
 impl MonitorSpec {
@@ -163,5 +165,100 @@ fn is_one_device(one: &Link, other: &Link) -> bool {
         (Link::Serial { port: one, .. }, Link::Serial { port: other, .. }) => one == other,
         (Link::Daqmx(_), Link::Daqmx(_)) => true,
         _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{SIM_RIG, parse};
+    use super::*;
+
+    /// Reads the rig of the paper with these monitors; every problem with its line in the first monitor, which is at line 1.
+    fn read(monitors: &str) -> Result<Vec<MonitorSpec>, Vec<String>> {
+        let (before, after) = SIM_RIG.split_once("[scene]").unwrap();
+        let above = before.lines().count();
+        let at = |line: String| {
+            let (line, text) = line.strip_prefix("rig.toml:").unwrap().split_once(':').unwrap();
+            format!("{}:{text}", line.parse::<usize>().unwrap() - above)
+        };
+        let text = format!("{before}{monitors}\n[scene]{after}");
+        let read = parse("rig.toml", &text, &|_| Err(std::io::ErrorKind::NotFound.into()));
+        read.map(|rig| rig.monitors).map_err(|problems| problems.lines().into_iter().map(at).collect())
+    }
+
+    fn monitor(name: &str, more: &str) -> String {
+        format!("[[monitor]]\nname = \"{name}\"\ndriver = {{ lines = \"one-number\" }}\nlink = \"sim\"\n{more}\n")
+    }
+
+    #[test]
+    fn monitors_are_read_with_their_defaults() {
+        let both = monitor("temperature_c", "") + &monitor("supply_v", "scale = 2\noffset = -1\nbounds = [11, 13]\n");
+        let monitors = read(&both).unwrap();
+        let [first, second] = &monitors[..] else { panic!("{monitors:?}") };
+        assert_eq!((first.name.as_str(), first.scale, first.offset), ("temperature_c", 1.0, 0.0));
+        assert_eq!((first.every_s, first.bounds, first.wait_s), (10.0, None, 600.0));
+        assert!(first.admits(-300.0) && second.admits(13.0) && !second.admits(13.01) && !second.admits(f64::NAN));
+        assert_eq!((second.scale, second.offset, second.array.layout.len()), (2.0, -1.0, 1));
+        assert_eq!(read("").unwrap().len(), 0);
+    }
+
+    #[test]
+    fn wrong_monitors_are_refused_at_their_lines() {
+        let twice = monitor("humidity_percent", "") + &monitor("humidity_percent", "");
+        assert_eq!(read(&twice).unwrap_err(), ["7:8: two monitors have the name `humidity_percent`"]);
+        let words =
+            |name: &str| format!("`name` is {name}, expected 1 to 40 lower-case letters, digits and underscores");
+        for (name, more, problem) in [
+            (
+                "t_c",
+                "bounds = [28.0, 18.0]",
+                "5:10: `bounds` has its first number above the second: 28 to 18".to_owned(),
+            ),
+            ("t_c", "every_s = 0", "5:11: `every_s` is 0, must be 0.1 to 86400 s".to_owned()),
+            ("t_c", "every_s = -1.0", "5:11: `every_s` is -1, must be 0.1 to 86400 s".to_owned()),
+            ("t_c", "wait_s = inf", "5:10: `wait_s` is not a finite number".to_owned()),
+            ("t_c", "scale = 0.0", "5:9: `scale` is 0, so the value would never change".to_owned()),
+            ("force_n", "", "2:8: `name` is \"force_n\", which is a column of presses.csv".to_owned()),
+            ("out_3", "", "2:8: `name` is \"out_3\", which is a column of presses.csv".to_owned()),
+            ("Temp_c", "", format!("2:8: {}", words("\"Temp_c\""))),
+            ("t c", "", format!("2:8: {}", words("\"t c\""))),
+            ("", "", format!("2:8: {}", words("\"\""))),
+        ] {
+            assert_eq!(read(&monitor(name, more)).unwrap_err(), [problem], "{name} {more}");
+        }
+    }
+
+    #[test]
+    fn a_device_with_more_outputs_or_of_another_role_is_no_monitor() {
+        let skin = monitor("t_c", "").replace("one-number", "velostat-16");
+        let text = "3:10: a monitor has one output: 1 unit, but the line profile \"velostat-16\" has 16 outputs";
+        assert_eq!(read(&skin).unwrap_err(), [text]);
+        let cell = monitor("t_c", "").replace("one-number", "hx711");
+        let text = "3:20: the line profile \"hx711\" has no [outputs], which an array needs";
+        assert_eq!(read(&cell).unwrap_err(), [text]);
+    }
+
+    #[test]
+    fn a_monitor_shares_neither_a_port_nor_ni_inputs() {
+        let real = include_str!("../../../../rigs/esp301.toml");
+        let none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
+        let read = |monitors: &str| {
+            let problems = parse("rig.toml", &format!("{real}\n{monitors}"), &none);
+            problems.map(|_| ()).map_err(|problems| {
+                problems.lines().iter().map(|line| line.splitn(4, ':').last().unwrap().trim().to_owned()).collect()
+            })
+        };
+        let at = |name: &str, port: &str| {
+            monitor(name, "").replace("link = \"sim\"", &format!("link = \"serial:///dev/{port}?baud=9600\""))
+        };
+        assert_eq!(read(&at("t_c", "ttyUSB7")), Ok(()));
+        let refused: Result<(), Vec<String>> = read(&at("t_c", "ttyUSB0"));
+        let link = "the same link serial:///dev/ttyUSB0?baud=9600";
+        assert_eq!(refused.unwrap_err(), [format!("the monitor t_c and [stage] have {link}")]);
+        let two = at("t_c", "ttyUSB7") + &at("h_percent", "ttyUSB7");
+        let link = "the same link serial:///dev/ttyUSB7?baud=9600";
+        assert_eq!(read(&two).unwrap_err(), [format!("the monitor h_percent and the monitor t_c have {link}")]);
+        let text = "some links are simulated and others are real: they can't use the same clock";
+        assert_eq!(read(&monitor("t_c", "")).unwrap_err(), [text]);
     }
 }

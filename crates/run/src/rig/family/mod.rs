@@ -73,7 +73,13 @@ pub(super) type Beside<'a> = &'a dyn Fn(&str) -> std::io::Result<String>;
 /// Describes the outputs of an array for a user: as units, if each unit has one output.
 fn counted(layout: &ArrayLayout) -> String {
     let units = layout.units().len();
-    if layout.len() == 1 { "1 unit".to_owned() } else if layout.len() == units { format!("{units} units") } else { format!("{} outputs of {units} units", layout.len()) }
+    if layout.len() == 1 {
+        "1 unit".to_owned()
+    } else if layout.len() == units {
+        format!("{units} units")
+    } else {
+        format!("{} outputs of {units} units", layout.len())
+    }
 }
 
 /// Returns a driver as a specific type of its role; `None` if it has another type.
