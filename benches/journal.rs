@@ -96,6 +96,7 @@ fn contact(press: u64) -> RecordedContact {
         no_load_before: no_load(8),
         no_load_after: no_load(9),
         left: Some(Left { z_mm: -wave(8) / 3.0 }),
+        ..RecordedContact::default()
     }
 }
 

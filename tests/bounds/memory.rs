@@ -211,8 +211,7 @@ fn contact(press: u64) -> RecordedContact {
         no_load_before,
         no_load_after,
         left: None,
-        monitors: Vec::new(),
-        series: None,
+        ..RecordedContact::default()
     }
 }
 

@@ -189,6 +189,7 @@ impl<R: Logged> Journal<R> {
     }
 
     /// Returns the durability of further records.
+    #[cfg(feature = "files")]
     pub(super) fn durability(&self) -> Durability {
         self.durability
     }

@@ -128,7 +128,7 @@ pub struct RecordedContact {
     /// State from which the next press begins; `None` after the last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left: Option<Left>,
-    /// Values of the rig's monitors beside the contact, in the order of the rig.
+    /// Values of the rig's monitors at the contact, in the order of the rig.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub monitors: Vec<MonitorValue>,
     /// File of readings with those of this contact; `None` if none are kept.

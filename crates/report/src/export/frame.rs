@@ -156,7 +156,7 @@ pub fn truth(run: &Recorded) -> ExportTable {
     ExportTable { name: "truth", rows: rows.len(), columns }
 }
 
-/// Returns the values of the monitors beside each press, as in `monitors.csv`.
+/// Returns the values of the monitors at each press, as in `monitors.csv`.
 pub fn monitors(run: &Recorded) -> ExportTable {
     let mut contacts: Vec<&RecordedContact> = run.contacts.iter().collect();
     contacts.sort_by_key(|contact| contact.press);

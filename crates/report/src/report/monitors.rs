@@ -1,4 +1,4 @@
-//! Values of the monitors beside the presses.
+//! Values of the monitors at the presses.
 
 use super::Subject;
 use super::frame::Section;

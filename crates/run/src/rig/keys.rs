@@ -54,7 +54,7 @@ keys! {
             "the load cell under the specimen or over the indenter; `\"none\"`: there is none, and presses are by depth", "\"none\"";
         array: Table(&array::KEYS), Refused, "the sensor array that is calibrated";
         monitor: Tables(&monitor::KEYS), Allowed,
-            "slow devices, such as a thermometer, that are read between presses; their values are recorded beside each press";
+            "slow devices, such as a thermometer, that are read between presses; their values are recorded with each press";
         limits: Table(&limits::KEYS), Refused, "limits of the specimen, for the plan and every move";
         frame: Table(&frame::KEYS), Refused, "where the specimen is, in the stage's coordinates";
         scene: Table(&scene::KEYS), Allowed,

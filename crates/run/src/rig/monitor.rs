@@ -24,7 +24,7 @@ pub const TEMPERATURE: &str = "temperature_c";
 /// Longest name of a monitor, characters.
 const NAME_MAX: usize = 40;
 
-/// A slow device whose value is kept beside every press.
+/// A slow device whose value is kept with every press.
 #[derive(Clone, Debug)]
 pub struct MonitorSpec {
     /// Name of the value, which ends in its unit.

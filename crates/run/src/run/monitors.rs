@@ -21,7 +21,7 @@ pub(super) struct Monitors {
 pub(super) struct Wait {
     /// Time until the next look, s.
     pub seconds: f64,
-    /// What a person is told, once in each wait.
+    /// Message for a person, once in each wait.
     pub text: Option<String>,
 }
 

@@ -1,4 +1,4 @@
-//! What a slow device beside a simulated rig reads.
+//! What a slow device of a simulated rig reads.
 
 /// Temperature of a scene that doesn't name one, degrees Celsius.
 const ROOM_C: f64 = 23.0;

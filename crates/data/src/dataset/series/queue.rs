@@ -17,7 +17,7 @@ const DISK_MOST: Duration = Duration::from_secs(60);
 #[derive(Debug, thiserror::Error)]
 pub enum SeriesError {
     /// The disk is slower than the devices.
-    #[error("the disk takes readings more slowly than they come: {} MB wait for it", QUEUED_MOST * 8 >> 20)]
+    #[error("the disk takes readings more slowly than they come: {} MB wait for it", (QUEUED_MOST * 8) >> 20)]
     Behind,
     /// The disk doesn't answer.
     #[error("the disk took no readings for {} s", DISK_MOST.as_secs())]
