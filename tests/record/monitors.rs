@@ -66,6 +66,9 @@ fn values_beside_the_presses_are_those_of_the_scene_on_every_wire() {
     for table in OTHERS.into_iter().chain(["monitors.csv"]) {
         assert_eq!(bench.read(&format!("run/{table}")), bench.read(&format!("again/{table}")), "{table}");
     }
+    bench.palpate_ends(0, "report run");
+    let page = bench.read("run/report.html");
+    assert!(page.contains("Monitor temperature_c") && page.contains("Monitor supply_v"));
     bench.palpate_ends(0, "export run --format csv --out exported");
     assert_eq!(numbers(&bench, "exported/monitors.csv", "value"), numbers(&bench, "run/monitors.csv", "value"));
 }
@@ -96,6 +99,8 @@ fn presses_are_those_of_a_run_without_monitors_but_a_moment_later() {
     let (header, journal) = (bench.read("without/presses.csv"), bench.read("without/journal.log"));
     let header = header.lines().next().unwrap();
     assert!(!journal.contains("\"monitors\"") && bench.read("with/journal.log").contains("\"monitors\""));
+    bench.palpate_ends(0, "report without");
+    assert!(!bench.read("without/report.html").contains("Monitor"));
     for column in header.split(',').filter(|column| *column != "t_s") {
         let [with, without] = ["with", "without"].map(|run| bench.column(&format!("{run}/presses.csv"), column));
         assert_eq!(with, without, "{column}");
