@@ -10,10 +10,11 @@ use crate::api::run::block_on;
 use miette::Diagnostic;
 use palpate_control::{MainsInterference, Reaction, Trip};
 use palpate_core::quantity::AxesCheck;
+use palpate_data::dataset::MonitorValue;
 use palpate_drivers::lines::ForceCounts;
-use palpate_link::device::{DeviceError, Identity, shown};
+use palpate_link::device::{Identity, shown};
 use palpate_run::rig::{GAIN_UNKNOWN, RigSpec};
-use palpate_run::run::{Examination, Examined, ForceCheck, NOISE_SHARE, NoLoadCell, ShownBy, Weighing, examine};
+use palpate_run::run::{Examination, ForceCheck, NOISE_SHARE, NoLoadCell, ShownBy, Weighing, examine};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -91,7 +92,7 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
         None => ForceCheck::Press, // also instead of a finger, which no simulated rig feels
     };
     let looked = examine(&spec, args.rig.seed, &cancel, asked);
-    let mut found = block_on(spec.is_simulated(), looked)?.map_err(Failure::halted)?;
+    let found = block_on(spec.is_simulated(), looked)?.map_err(Failure::halted)?;
     let place = (args.rig.rig.as_path(), text.as_str(), invented);
     let weighed = found.weighed.as_ref().and_then(|weighed| weighed.as_ref().ok());
     let weighed = weighed.map(|weighed| concluded(&args.weight, weighed, &rig, place)).transpose()?;
@@ -104,7 +105,7 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
         axes = Some(check);
     }
     args.output.print(&text, &json(&found, &advice, (weighed.as_ref().map(|weighed| &weighed.json), axes.as_ref())))?;
-    let failed = found.take_failure();
+    let failed = found.devices.into_iter().find_map(|(_, device)| device.err());
     let axes_failed = found.weighed_axes.and_then(Result::err);
     match (failed, found.no_load, found.shown) {
         (Some(error), ..) => Err(Failure::halted(error.into())),
@@ -143,7 +144,7 @@ fn devices_alone(args: &DoctorArgs, rig: &RigSpec) -> Result<ExitCode, Failure> 
     found.exchanges_s = [stage, array, Vec::new()];
     let text = described(&found, rig, &[]) + "\nno load cell: presses are by depth, and nothing was moved\n";
     args.output.print(&text, &json(&found, &[], (None, None)))?;
-    match found.take_failure() {
+    match found.devices.into_iter().find_map(|(_, device)| device.err()) {
         Some(error) => Err(Failure::halted(error.into())),
         None => Ok(ExitCode::SUCCESS),
     }
@@ -165,12 +166,8 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             Err(_) => writeln!(text, "{role:<11}fails: see below"),
         };
     }
-    for (name, monitor) in &found.monitors {
-        let found = match monitor {
-            Ok((identity, value)) => format!("{name} is {value}, read by {}", identity.identity),
-            Err(_) => format!("{name} fails: see below"),
-        };
-        text += &beside("monitor", 11, &found);
+    for (monitor, MonitorValue { name, value, .. }) in &found.monitors {
+        text += &beside("monitor", 11, &format!("{name} is {value}, read by {}", monitor.identity));
     }
     if let Some((_, Err(why))) = &found.counts {
         let _ = writeln!(text, "{:<11}its web page doesn't confirm the counts per N: {why}", "");
@@ -277,10 +274,6 @@ fn wrapped(advice: &[String]) -> String {
 /// Returns advice for the user about the results.
 fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
     let mut advice = Vec::new();
-    let failure = |error: &DeviceError| {
-        let help = error.help().map(|help| format!(": {help}")).unwrap_or_default();
-        format!("{error}{help}")
-    };
     for (role, device) in &found.devices {
         match device {
             Ok(identity) => {
@@ -288,19 +281,16 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
                 let left = identity.warnings.iter().filter(|warning| !is_done(warning));
                 advice.extend(left.map(|warning| format!("{role}: {warning}")));
             }
-            Err(error) => advice.push(failure(error)),
+            Err(error) => {
+                let help = error.help().map(|help| format!(": {help}")).unwrap_or_default();
+                advice.push(format!("{error}{help}"));
+            }
         }
     }
-    for (monitor, (name, found)) in spec.monitors.iter().zip(&found.monitors) {
-        match found {
-            Ok((_, value)) if !monitor.admits(*value) => {
-                advice.push(format!("monitor {name}: {value} is outside its `bounds`, so no press would begin"));
-            }
-            Ok((identity, _)) => {
-                advice.extend(identity.warnings.iter().map(|warning| format!("monitor {name}: {warning}")));
-            }
-            Err(error) => advice.push(failure(error)),
-        }
+    for (spec, (monitor, MonitorValue { value, .. })) in spec.monitors.iter().zip(&found.monitors) {
+        let outside = (!spec.admits(*value)).then(|| format!("{value} is outside its `bounds`: a run would wait"));
+        let warnings = monitor.warnings.iter().chain(&outside);
+        advice.extend(warnings.map(|warning| format!("{}: {warning}", monitor.role)));
     }
     if let Some((of_rig, Ok(stated))) = &found.counts {
         advice.extend(other_counts(*of_rig, stated));
@@ -395,8 +385,9 @@ fn histogram(seconds: &[f64]) -> String {
 #[derive(Serialize)]
 struct DoctorJson<'a> {
     devices: Vec<ExaminedDevice<'a>>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    monitors: Vec<ExaminedMonitor<'a>>,
+    /// Identity and value of each monitor.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    monitors: &'a [(Identity, MonitorValue)],
     zero_n: Option<f64>,
     noise_n: Option<f64>,
     fresh_share: Option<f64>,
@@ -420,14 +411,6 @@ struct ExaminedDevice<'a> {
     exchange_ms: Vec<f64>,
 }
 
-#[derive(Serialize)]
-struct ExaminedMonitor<'a> {
-    name: &'a str,
-    identity: Option<&'a Identity>,
-    value: Option<f64>,
-    error: Option<String>,
-}
-
 fn json<'a>(
     found: &'a Examination,
     advice: &'a [String],
@@ -437,18 +420,12 @@ fn json<'a>(
     let device = |((role, device), exchanges_s): (&'a (&'static str, Result<Identity, _>), &Vec<f64>)| ExaminedDevice {
         role,
         identity: device.as_ref().ok(),
-        error: device.as_ref().err().map(|error: &DeviceError| error.to_string()),
+        error: device.as_ref().err().map(|error: &palpate_link::device::DeviceError| error.to_string()),
         exchange_ms: ms(exchanges_s),
-    };
-    let monitor = |(name, found): &'a Examined| ExaminedMonitor {
-        name,
-        identity: found.as_ref().ok().map(|(identity, _)| identity),
-        value: found.as_ref().ok().map(|(_, value)| *value),
-        error: found.as_ref().err().map(DeviceError::to_string),
     };
     let no_load = found.no_load.as_ref().and_then(|no_load| no_load.as_ref().ok());
     DoctorJson {
-        monitors: found.monitors.iter().map(monitor).collect(),
+        monitors: &found.monitors,
         devices: found.devices.iter().zip(&found.exchanges_s).map(device).collect(),
         zero_n: no_load.map(|no_load| no_load.zero.offset_n),
         noise_n: no_load.map(|no_load| no_load.zero.sigma_n),

@@ -183,6 +183,6 @@ fn doctor_reads_the_monitors() {
     let bench = TestFolder::with([("rig.toml", rig(&monitors, "").as_str())]);
     let output = bench.palpate_ends(0, "doctor rig.toml");
     assert!(output.out.contains("\nmonitor    temperature_c is 23.0"), "{}", output.out);
-    let advice = "is outside its `bounds`, so no press would begin";
+    let advice = "is outside its `bounds`: a run would wait";
     assert!(output.out.split_whitespace().collect::<Vec<_>>().join(" ").contains(advice), "{}", output.out);
 }

@@ -170,8 +170,8 @@ impl Desk {
         let found = block_on(spec.is_simulated(), examine(spec, sensor.first.seed, &self.cancel, ForceCheck::Nobody))?;
         let halt = match found {
             Err(halt) => Some(halt),
-            Ok(mut found) => {
-                let device = found.take_failure().map(Halt::from);
+            Ok(found) => {
+                let device = found.devices.into_iter().find_map(|(_, device)| device.err()).map(Halt::from);
                 device.or_else(|| found.no_load.and_then(Result::err).map(Halt::from))
             }
         };

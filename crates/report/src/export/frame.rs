@@ -158,18 +158,15 @@ pub fn truth(run: &Recorded) -> ExportTable {
 
 /// Returns the values of the monitors at each press, as in `monitors.csv`.
 pub fn monitors(run: &Recorded) -> ExportTable {
-    let mut contacts: Vec<&RecordedContact> = run.contacts.iter().collect();
-    contacts.sort_by_key(|contact| contact.press);
-    let rows: Vec<(u64, &MonitorValue)> =
-        contacts.iter().flat_map(|contact| contact.monitors.iter().map(|monitor| (contact.press, monitor))).collect();
+    let mut rows: Vec<(i64, &MonitorValue)> = Vec::new();
+    for contact in &run.contacts {
+        rows.extend(contact.monitors.iter().map(|monitor| (contact.press as i64, monitor)));
+    }
+    rows.sort_by_key(|(press, _)| *press); // stable: the monitors of a press stay in their order
     let number = |of: fn(&MonitorValue) -> f64| Values::F64(rows.iter().map(|(_, monitor)| of(monitor)).collect());
     let names = rows.iter().map(|(_, monitor)| Some(Cow::Owned(monitor.name.clone()))).collect();
     let columns = vec![
-        TableColumn::new(
-            "press",
-            definition("press"),
-            Values::I64(rows.iter().map(|(press, _)| *press as i64).collect()),
-        ),
+        TableColumn::new("press", definition("press"), Values::I64(rows.iter().map(|(press, _)| *press).collect())),
         TableColumn::new("name", "Name of the monitor, which ends in the unit of its value.", Values::Text(names)),
         TableColumn::new("t_s", "Time of the reading, s since the run's start.", number(|monitor| monitor.t_s)),
         TableColumn::new("value", "Value, read without load before the press.", number(|monitor| monitor.value)),

@@ -2,7 +2,7 @@
 
 use super::Subject;
 use super::frame::Section;
-use super::record::{Upright, by_press, presses};
+use super::record::{by_press, presses};
 use maud::html;
 use palpate_data::recipe::Phase;
 use std::collections::BTreeMap;
@@ -18,7 +18,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
     }
     let figure = |(name, points): (&&str, &Vec<_>)| {
         Some(
-            by_press(&format!("Monitor {name}"), name, points, Upright::Fitted)?
+            by_press(&format!("Monitor {name}"), name, points, false, f64::INFINITY)?
                 .named(&format!("press-monitor-{name}")),
         )
     };

@@ -39,26 +39,16 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         held.iter().filter_map(|held| Some((held.phase, held.press, held.over_mn?))).collect();
     let drifts = drifts(&subject.runs);
     let drawn = [
-        (
-            "press-force-errors",
-            "Force in the window minus the set force",
-            "force error, mN",
-            &errors,
-            Upright::AroundZero,
-        ),
-        (
-            "press-overshoots",
-            "Largest true force minus the set force",
-            "overshoot, mN",
-            &overshoots,
-            Upright::AroundZero,
-        ),
-        ("press-zero-drift", "Drift of the load cell's zero", "zero drift, mN", &drifts, Upright::AroundZero),
-        ("press-times", "Time of each press", "time, s", &times, Upright::FromZero),
+        ("press-force-errors", "Force in the window minus the set force", "force error, mN", &errors, true),
+        ("press-overshoots", "Largest true force minus the set force", "overshoot, mN", &overshoots, true),
+        ("press-zero-drift", "Drift of the load cell's zero", "zero drift, mN", &drifts, true),
+        ("press-times", "Time of each press", "time, s", &times, false),
     ];
     let drawn: Vec<PageFigure> = drawn
         .into_iter()
-        .filter_map(|(stem, title, label, points, upright)| by_press(title, label, points, upright)?.named(stem).into())
+        .filter_map(|(stem, title, label, points, is_about_0)| {
+            by_press(title, label, points, is_about_0, 0.0)?.named(stem).into()
+        })
         .collect();
     let before = html! {
         (table(&head, &rows))
@@ -167,30 +157,20 @@ fn look(hue: Hue, shape: Shape) -> Look {
     Look { hue, shape: Some(shape), filled: false, line: LineStyle::None }
 }
 
-/// Range of the upright axis.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Upright {
-    /// With 0 in it, where a line is drawn.
-    AroundZero,
-    /// From 0.
-    FromZero,
-    /// That of the values.
-    Fitted,
-}
-
-/// Returns one panel of points by press, with a mark for each phase that has points. `None` if there are no points.
-pub(super) fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], upright: Upright) -> Option<PageFigure> {
+/// Returns one panel of points by press, with a mark for each phase that has points. The upright axis begins at `from`, or at a smaller
+/// value. `None` if there are no points.
+pub(super) fn by_press(
+    title: &str,
+    label: &str,
+    points: &[(Phase, f64, f64)],
+    is_about_0: bool,
+    from: f64,
+) -> Option<PageFigure> {
     let value = |(_, _, value): &(Phase, f64, f64)| *value;
     let largest = points.iter().map(value).reduce(f64::max)?;
-    let smallest = points.iter().map(value).fold(largest, f64::min);
-    let (least, most) = match upright {
-        Upright::AroundZero => (smallest.min(0.0), largest.max(0.0)),
-        Upright::FromZero => (smallest.min(0.0), largest),
-        Upright::Fitted if smallest == largest => (smallest - 0.5, largest + 0.5),
-        Upright::Fitted => (smallest, largest),
-    };
-    let room = 0.05 * (most - least).max(f64::MIN_POSITIVE);
-    let is_room_below = least < 0.0 || upright == Upright::Fitted;
+    let most = if is_about_0 { largest.max(0.0) } else { largest };
+    let least = points.iter().map(value).fold(from, f64::min);
+    let room = if most > least { 0.05 * (most - least) } else { 0.5 };
     let last = points.iter().map(|(_, press, _)| *press).fold(1.0, f64::max);
     let mut marks: Vec<Mark> = Vec::new();
     let mut legend = Vec::new();
@@ -203,11 +183,11 @@ pub(super) fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], u
             legend.push((look(hue, shape), phase.name().to_owned()));
         }
     }
-    if upright == Upright::AroundZero {
+    if is_about_0 {
         marks.push(Mark::Level(0.0, String::new()));
     }
     let x = ChartAxis::count("press", (0.0, 1.02 * last));
-    let y = ChartAxis::linear(label, (least - if is_room_below { room } else { 0.0 }, most + room));
+    let y = ChartAxis::linear(label, (least - if least == 0.0 { 0.0 } else { room }, most + room));
     let grid = Some(Grid { columns: 1, width_px: super::figures::WIDTH_PX, shared: false });
     let panels = vec![Panel { x, y, marks }];
     let figure =

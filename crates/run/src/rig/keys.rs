@@ -27,9 +27,6 @@ const FORCE: Bounds = Bounds::above(0.0, 10_000.0, "N");
 /// Limits of the entries of a calibration matrix.
 const CROSSTALK: Bounds = Bounds::within(-1e6, 1e6, "");
 const PERCENT: Bounds = Bounds::above(0.0, 100.0, "%");
-/// Limits of a change of sensitivity with the temperature.
-const PER_C: Bounds = Bounds::within(0.0, 10.0, "%/degree Celsius");
-const CELSIUS: Bounds = Bounds::within(-50.0, 150.0, "degrees Celsius");
 /// Limits of a monitored value, its scale and its offset, which have any unit.
 const VALUE: Bounds = Bounds::within(-1e12, 1e12, "");
 const DATE: &str = "date, as year-month-day";
@@ -157,10 +154,10 @@ keys! {
         date: Text, Refused, DATE, "\"2026-05-04\"";
         k: Number(within(1.0, 5.0, "")), or(COVERAGE), "coverage factor of the expanded uncertainty", "2.0";
         full_scale_n: Number(FORCE), Allowed, "full scale that `class_percent` refers to", "5.0";
-        temperature_percent_per_c: Number(PER_C), Allowed,
+        temperature_percent_per_c: Number(within(0.0, 10.0, "%/degree Celsius")), Allowed,
             "largest change of its sensitivity, + and -, in % of the reading per degree Celsius; it widens `u_force_n` if a monitor is \
              named `temperature_c`; requires `calibrated_at_c`", "0.02";
-        calibrated_at_c: Number(CELSIUS), Allowed,
+        calibrated_at_c: Number(within(-50.0, 150.0, "degrees Celsius")), Allowed,
             "its temperature during the calibration; requires `temperature_percent_per_c`", "21.0";
     }
     one of {

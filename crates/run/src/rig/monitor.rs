@@ -15,7 +15,7 @@ use palpate_link::device::DeviceError;
 use palpate_link::time::Instant;
 use palpate_link::wire::Link;
 use palpate_sim::emulator::Shared;
-use palpate_sim::scene::{Monitored, MonitoredValue, Scene};
+use palpate_sim::scene::{Monitored, Scene};
 use std::sync::{Arc, Mutex};
 
 /// Name of the monitor whose value is the temperature of the rig, degrees Celsius.
@@ -73,8 +73,7 @@ impl MonitorSpec {
     pub(super) fn emulated(&self, rig: &RigSpec, scene: &Scene) -> Result<EmulatedMonitor, DeviceError> {
         let device = self.array.driver.emulated(&self.seen_in(rig)).map_err(|error| self.named(error))?;
         let middle = self.bounds.map_or(0.0, |bounds| f64::midpoint(bounds.min, bounds.max));
-        let value =
-            if self.name == TEMPERATURE { MonitoredValue::Temperature } else { MonitoredValue::Constant(middle) };
+        let value = (self.name != TEMPERATURE).then_some(middle);
         let scene = scene.clone().monitored(Monitored { value, scale: self.scale, offset: self.offset });
         Ok(EmulatedMonitor { device, scene: Arc::new(Mutex::new(scene)) })
     }
@@ -142,29 +141,22 @@ fn read_name(table: &Table) -> Option<String> {
 
 /// Checks the monitors against each other and the rest of the rig.
 pub(super) fn check_monitors(spec: &RigSpec, rig: &Table) {
-    let mut taken = vec![("[stage]".to_owned(), &spec.stage.link), ("[array]".to_owned(), &spec.array.link)];
-    taken.extend(spec.has_load_cell().then(|| ("[load_cell]".to_owned(), &spec.load_cell.link)));
+    let mut taken = vec![&spec.stage.link, &spec.load_cell.link, &spec.array.link];
     for (monitor, table) in spec.monitors.iter().zip(rig.tables(&root::monitor)) {
-        let seen = monitor.seen_in(spec);
-        for misfit in monitor.array.driver.misfits(&seen) {
+        for misfit in monitor.array.driver.misfits(&monitor.seen_in(spec)) {
             table.complain(with_help(table.span(), misfit.text, misfit.help));
         }
         let link = &monitor.array.link;
-        if let Some((other, _)) = taken.iter().find(|(_, other)| is_one_device(link, other)) {
-            let text = format!("the monitor {} and {other} have the same link {link}", monitor.name);
+        let is_same = |other: &&Link| match (link, other) {
+            (Link::Serial { port, .. }, Link::Serial { port: other, .. }) => port == other,
+            (link, other) => matches!((link, other), (Link::Daqmx(_), Link::Daqmx(_))), // NI's library runs one task on a device
+        };
+        if taken.iter().any(is_same) {
+            let text = format!("the monitor {} and another device have the same link {link}", monitor.name);
             let help = "a monitor is read while nothing else is, through a port or an NI device of its own";
             table.complain(Problem::new(table.span_of(&monitor::link), text).help(help));
         }
-        taken.push((format!("the monitor {}", monitor.name), link));
-    }
-}
-
-/// Whether two links lead to one device that only one driver can use. NI's library runs one task on a device.
-fn is_one_device(one: &Link, other: &Link) -> bool {
-    match (one, other) {
-        (Link::Serial { port: one, .. }, Link::Serial { port: other, .. }) => one == other,
-        (Link::Daqmx(_), Link::Daqmx(_)) => true,
-        _ => false,
+        taken.push(link);
     }
 }
 
@@ -254,10 +246,10 @@ mod tests {
         assert_eq!(read(&at("t_c", "ttyUSB7")), Ok(()));
         let refused: Result<(), Vec<String>> = read(&at("t_c", "ttyUSB0"));
         let link = "the same link serial:///dev/ttyUSB0?baud=9600";
-        assert_eq!(refused.unwrap_err(), [format!("the monitor t_c and [stage] have {link}")]);
+        assert_eq!(refused.unwrap_err(), [format!("the monitor t_c and another device have {link}")]);
         let two = at("t_c", "ttyUSB7") + &at("h_percent", "ttyUSB7");
         let link = "the same link serial:///dev/ttyUSB7?baud=9600";
-        assert_eq!(read(&two).unwrap_err(), [format!("the monitor h_percent and the monitor t_c have {link}")]);
+        assert_eq!(read(&two).unwrap_err(), [format!("the monitor h_percent and another device have {link}")]);
         let text = "some links are simulated and others are real: they can't use the same clock";
         assert_eq!(read(&monitor("t_c", "")).unwrap_err(), [text]);
     }

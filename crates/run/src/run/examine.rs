@@ -1,8 +1,9 @@
 //! Identity and speed of each device, checked without pressing.
 
 use super::check_weight::{Ask, AxesMeasurement, KnownWeight, Weighing, WeightMeasurement, weigh};
+use super::clock::RunClock;
 use super::home::{AtHome, at_home};
-use super::monitors::{Examined, Monitors};
+use super::monitors::Monitors;
 use super::ready::{NOISE_SHARE, check_no_load};
 use super::rig_control::AnyRigControl;
 use super::shown::{ShownBy, finger, press};
@@ -10,6 +11,7 @@ use super::{Cancel, Halt};
 use crate::rig::RigSpec;
 use palpate_control::{Permit, Reaction, Trip, Zero};
 use palpate_core::quantity::Axis;
+use palpate_data::dataset::MonitorValue;
 use palpate_drivers::lines::{ForceCounts, PAGE_PORT};
 use palpate_link::device::{DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::Instant;
@@ -27,8 +29,8 @@ const ZERO_S: f64 = 1.0;
 pub struct Examination {
     /// Devices in the order stage, load cell, array: the identity that each reports, or the reason why it isn't usable.
     pub devices: Vec<(&'static str, Result<Identity, DeviceError>)>,
-    /// Monitors in the order of the rig.
-    pub monitors: Vec<Examined>,
+    /// Identity and value of each monitor, in the order of the rig.
+    pub monitors: Vec<(Identity, MonitorValue)>,
     /// Counts per N of the rig, and those that the page of its Net F/T states, or why they aren't known.
     pub counts: Option<(f64, Result<ForceCounts, String>)>,
     /// Durations of exchanges, s, in the same order. Empty for a device that isn't usable.
@@ -48,15 +50,6 @@ pub struct Examination {
     pub weighed_axes: Option<Result<AxesMeasurement, Trip>>,
     /// What has shown that the load cell measures force, or the reason why it doesn't. `None` if nothing has.
     pub shown: Option<Result<ShownBy, Trip>>,
-}
-
-impl Examination {
-    /// Takes the error of the first device that isn't usable out of the list of devices.
-    pub fn take_failure(&mut self) -> Option<DeviceError> {
-        let devices = std::mem::take(&mut self.devices).into_iter().filter_map(|(_, device)| device.err());
-        let monitors = std::mem::take(&mut self.monitors).into_iter().filter_map(|(_, found)| found.err());
-        devices.chain(monitors).next()
-    }
 }
 
 /// Request to show that the load cell measures force.
@@ -89,10 +82,12 @@ pub struct NoLoadCell {
 /// device fails, the others are still examined.
 ///
 /// # Errors
-/// A person requests a stop, NI's library is required and missing, or a stage loses its position.
+/// A person requests a stop, NI's library is required and missing, a monitor fails, or a stage loses its position.
 pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel, asked: ForceCheck<'_>) -> Result<Examination, Halt> {
     let mut rig = spec.open(seed)?;
-    let monitors = Monitors::of(&mut rig, spec).examine(cancel).await?;
+    let (mut monitors, identities) = Monitors::ready(&mut rig, spec, cancel).await?;
+    monitors.refresh(RunClock::going_on_from(0.0)).await?;
+    let monitors = identities.into_iter().zip(monitors.values()).collect();
     let AtHome { mut rig_control, stage, load_cell, array } = at_home(rig, spec, cancel, &|_| {}).await?;
     let devices = vec![("stage", stage), ("load_cell", load_cell), ("array", array)];
     let mut found = Examination { devices, monitors, ..Examination::default() };

@@ -3,7 +3,7 @@
 use super::check_weight::{Ask, CellAfter, KnownWeight};
 use super::checks::Checking;
 use super::clock::RunClock;
-use super::monitors::{Monitors, Wait};
+use super::monitors::Monitors;
 use super::past::{Past, felt};
 use super::ready::{Conditions, Ready, make_ready, take_zero};
 use super::rig_control::AnyRigControl;
@@ -121,9 +121,8 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
     };
     let clock = RunClock::going_on_from(past.elapsed_s);
     let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: past.first_zero_n };
-    let mut monitors = Monitors::of(&mut rig, spec);
-    let identities = match monitors.prepare(cancel).await {
-        Ok(identities) => identities,
+    let (monitors, identities) = match Monitors::ready(&mut rig, spec, cancel).await {
+        Ok(ready) => ready,
         Err(halt) => return Ending { t_s: clock.now_s(), ..Ending::halted(halt) },
     };
     let mut ending = Ending::parked();
@@ -358,9 +357,8 @@ impl Runner<'_> {
     /// Reads the monitors without load, and rests until their values are within their bounds.
     async fn await_monitors(&mut self, next: Place) -> Result<(), Halt> {
         let began = Instant::now();
-        while let Some(Wait { seconds, text }) = self.monitors.look(self.conditions.clock).await? {
-            text.iter().for_each(|text| self.listener.waits(text));
-            self.rest(seconds, next).await?;
+        while let Some(wait) = self.monitors.look(self.conditions.clock, self.listener).await? {
+            self.rest(wait.as_secs_f64(), next).await?;
         }
         if began.elapsed() > NO_LOAD_FRESH {
             self.standby = self.standby.take().map(|standby| Standby { no_load: None, ..standby });

@@ -42,7 +42,6 @@ pub use estimate::{estimated_s, first_descent};
 pub use examine::{Examination, ForceCheck, NoLoadCell, examine};
 pub use execute::{Ending, Listener, RunJob, execute, execute_on};
 pub use home::{Retracted, retract};
-pub use monitors::Examined;
 pub use pace::keep_pace;
 pub use ready::NOISE_SHARE;
 pub use retraction::Remaining;

@@ -2,27 +2,19 @@
 
 use super::clock::RunClock;
 use super::home::unless_stopped;
-use super::{Cancel, Halt};
+use super::{Cancel, Halt, Listener};
 use crate::rig::{MonitorSpec, OpenRig, RigSpec, TEMPERATURE};
-use palpate_core::quantity::round;
+use palpate_core::quantity::{round, seconds};
 use palpate_data::dataset::MonitorValue;
 use palpate_drivers::AnyArray;
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, SensorArray};
 use palpate_link::time::Instant;
+use std::time::Duration;
 
 /// Monitors in use, and how long the next press has waited for them.
 pub(super) struct Monitors {
     all: Vec<Monitor>,
     waited_s: f64,
-}
-
-/// A wait for a value that is outside its bounds.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Wait {
-    /// Time until the next look, s.
-    pub seconds: f64,
-    /// Message for a person, once in each wait.
-    pub text: Option<String>,
 }
 
 struct Monitor {
@@ -33,43 +25,41 @@ struct Monitor {
 }
 
 impl Monitors {
-    /// Takes the monitors of a rig that was opened.
-    pub(super) fn of(rig: &mut OpenRig, spec: &RigSpec) -> Monitors {
-        let devices = std::mem::take(&mut rig.monitors);
-        let monitor = |(spec, device): (&MonitorSpec, AnyArray)| Monitor { spec: spec.clone(), device, last: None };
-        Monitors { all: spec.monitors.iter().zip(devices).map(monitor).collect(), waited_s: 0.0 }
-    }
-
-    /// Connects to each monitor and checks that its answers mean what the rig says, before anything moves.
-    pub(super) async fn prepare(&mut self, cancel: &Cancel) -> Result<Vec<Identity>, Halt> {
-        let mut identities = Vec::with_capacity(self.all.len());
-        for monitor in &mut self.all {
-            identities.push(monitor.prepare(cancel).await??);
+    /// Connects to each monitor of an open rig and checks that its answers mean what the rig file states, before anything moves. Returns
+    /// the identities too.
+    pub(super) async fn ready(
+        rig: &mut OpenRig,
+        spec: &RigSpec,
+        cancel: &Cancel,
+    ) -> Result<(Monitors, Vec<Identity>), Halt> {
+        let (mut all, mut identities) = (Vec::new(), Vec::new());
+        for (spec, mut device) in spec.monitors.iter().cloned().zip(std::mem::take(&mut rig.monitors)) {
+            let identity = unless_stopped(cancel, device.prepare()).await?.map_err(|error| spec.named(error))?;
+            identities.push(Identity { role: spec.role(), ..identity });
+            all.push(Monitor { spec, device, last: None });
         }
-        Ok(identities)
+        Ok((Monitors { all, waited_s: 0.0 }, identities))
     }
 
-    /// Reads each monitor once, for an examination. Returns its identity and its value.
-    pub(super) async fn examine(&mut self, cancel: &Cancel) -> Result<Vec<Examined>, Halt> {
-        let mut examined = Vec::with_capacity(self.all.len());
-        for monitor in &mut self.all {
-            let found = match monitor.prepare(cancel).await? {
-                Ok(identity) => monitor.read().await.map(|value| (identity, value)),
-                Err(error) => Err(error),
-            };
-            examined.push((monitor.spec.name.clone(), found));
-        }
-        Ok(examined)
-    }
-
-    /// Reads the monitors that are due. Returns how long the next press must wait; `None` if it may begin.
-    ///
-    /// # Errors
-    /// A monitor fails, or its value was outside its bounds for too long.
-    pub(super) async fn look(&mut self, clock: RunClock) -> Result<Option<Wait>, Halt> {
+    /// Reads the monitors that are due.
+    pub(super) async fn refresh(&mut self, clock: RunClock) -> Result<(), DeviceError> {
         for monitor in &mut self.all {
             monitor.refresh(clock).await?;
         }
+        Ok(())
+    }
+
+    /// Reads the monitors that are due. Returns how long the next press must wait, s; `None` if it may begin. `listener` hears of each
+    /// wait once.
+    ///
+    /// # Errors
+    /// A monitor fails, or its value was outside its bounds for too long.
+    pub(super) async fn look(
+        &mut self,
+        clock: RunClock,
+        listener: &mut dyn Listener,
+    ) -> Result<Option<Duration>, Halt> {
+        self.refresh(clock).await?;
         let outside = self.all.iter().find_map(|monitor| Some((&monitor.spec, monitor.outside()?)));
         let Some((spec, text)) = outside else {
             self.waited_s = 0.0;
@@ -78,10 +68,12 @@ impl Monitors {
         if self.waited_s >= spec.wait_s {
             return Err(Halt::OutOfBounds(format!("{text} after a wait of {} s", spec.wait_s)));
         }
-        let seconds = spec.every_s.min(spec.wait_s - self.waited_s);
-        let text = (self.waited_s == 0.0).then(|| format!("{text}: waiting at most {} s", spec.wait_s));
-        self.waited_s += seconds;
-        Ok(Some(Wait { seconds, text }))
+        if self.waited_s == 0.0 {
+            listener.waits(&format!("{text}: waiting at most {} s", spec.wait_s));
+        }
+        let wait_s = spec.every_s.min(spec.wait_s - self.waited_s);
+        self.waited_s += wait_s;
+        Ok(Some(seconds(wait_s)))
     }
 
     /// Returns the last values, in the order of the rig.
@@ -96,16 +88,7 @@ impl Monitors {
     }
 }
 
-/// Name of a monitor, with its identity and its value, or the reason why it isn't usable.
-pub type Examined = (String, Result<(Identity, f64), DeviceError>);
-
 impl Monitor {
-    async fn prepare(&mut self, cancel: &Cancel) -> Result<Result<Identity, DeviceError>, Halt> {
-        let identity = unless_stopped(cancel, self.device.prepare()).await?;
-        let named = |identity: Identity| Identity { role: self.spec.role(), ..identity };
-        Ok(identity.map(named).map_err(|error| self.spec.named(error)))
-    }
-
     /// Reads the value if it is due. A value outside its bounds is always due.
     async fn refresh(&mut self, clock: RunClock) -> Result<(), DeviceError> {
         let is_known = self.last.as_ref().is_some_and(|(read, _)| read.elapsed().as_secs_f64() < self.spec.every_s);

@@ -4,7 +4,7 @@
 use super::clock::RunClock;
 use super::execute::{Ending, RunJob, note_trip};
 use super::home::at_home_without_cell;
-use super::monitors::{Monitors, Wait};
+use super::monitors::Monitors;
 use super::past::Past;
 use super::press::TRAVEL_CLEARANCE_MM;
 use super::rig_control::AnyRigControl;
@@ -51,9 +51,8 @@ pub(super) async fn execute_without_cell(mut rig: OpenRig, job: RunJob<'_>, list
         return Ending::halted(Halt::Unconfirmed(CONFIRM_AGAIN.to_owned()));
     }
     let clock = RunClock::going_on_from(past.elapsed_s);
-    let mut monitors = Monitors::of(&mut rig, spec);
-    let identities = match monitors.prepare(cancel).await {
-        Ok(identities) => identities,
+    let (monitors, identities) = match Monitors::ready(&mut rig, spec, cancel).await {
+        Ok(ready) => ready,
         Err(halt) => return Ending { t_s: clock.now_s(), ..Ending::halted(halt) },
     };
     let (rig_control, mut devices) = match at_home_without_cell(rig, spec, cancel, shown).await {
@@ -319,9 +318,8 @@ impl DepthRunner<'_> {
 
     /// Reads the monitors without load, and rests until their values are within their bounds.
     async fn await_monitors(&mut self) -> Result<(), Halt> {
-        while let Some(Wait { seconds: wait_s, text }) = self.monitors.look(self.clock).await? {
-            text.iter().for_each(|text| self.listener.waits(text));
-            self.cancel.sleep(seconds(wait_s)).await;
+        while let Some(wait) = self.monitors.look(self.clock, self.listener).await? {
+            self.cancel.sleep(wait).await;
             self.pause_if_asked().await?;
         }
         Ok(())

@@ -24,7 +24,7 @@ mod weight;
 
 pub use faults::{FaultKind, SceneFault};
 pub use friction::Friction;
-pub use monitored::{Monitored, MonitoredValue};
+pub use monitored::Monitored;
 pub use motion::Trajectory;
 pub use skin::{
     Converter, Elastomer, NoiseOf, SKIN_CHANNELS_MAX, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels,

@@ -147,11 +147,7 @@ fn own_file<T>(
 
 /// Returns a problem with the advice that a driver may give.
 pub(super) fn with_help(span: Span, text: String, help: Option<&str>) -> Problem {
-    let problem = Problem::new(span, text);
-    match help {
-        Some(help) => problem.help(help),
-        None => problem,
-    }
+    help.into_iter().fold(Problem::new(span, text), Problem::help)
 }
 
 /// Returns the error of a driver that can't play a role.

@@ -48,7 +48,7 @@ impl BoardFirmware for OneNumber {
 mod tests {
     use super::*;
     use crate::emulator::tests::scene;
-    use crate::scene::{Monitored, MonitoredValue};
+    use crate::scene::Monitored;
 
     #[test]
     fn a_line_is_the_reading_of_the_scene_before_scale_and_offset() {
@@ -57,8 +57,8 @@ mod tests {
             let reading = OneNumber.read(&mut scene, 1.0);
             String::from_utf8(OneNumber.line(&reading)).unwrap()
         };
-        assert_eq!(line(monitored(MonitoredValue::Temperature, 1.0, 0.0)), "23.000\r\n", "this scene names none");
-        assert_eq!(line(monitored(MonitoredValue::Constant(50.0), 100.0, 10.0)), "0.400\r\n");
+        assert_eq!(line(monitored(None, 1.0, 0.0)), "23.000\r\n", "this scene names none");
+        assert_eq!(line(monitored(Some(50.0), 100.0, 10.0)), "0.400\r\n");
         assert_eq!(line(scene()), "0.000\r\n");
     }
 }
