@@ -49,8 +49,8 @@ impl Monitors {
         Ok(())
     }
 
-    /// Reads the monitors that are due. Returns how long the next press must wait, s; `None` if it may begin. `listener` hears of each
-    /// wait once.
+    /// Reads the monitors that are due. Returns how long the next press must wait; `None` if it may begin. Informs `listener` once of each
+    /// wait.
     ///
     /// # Errors
     /// A monitor fails, or its value was outside its bounds for too long.
