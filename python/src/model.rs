@@ -15,6 +15,10 @@ use std::sync::{Arc, Mutex};
 /// Largest number of idle sessions that a model keeps, so that calls of many threads find their memory ready.
 const IDLE_MAX: usize = 16;
 
+/// Refusal of the sensor file of a series.
+pub const SERIES: &str =
+    "the sensor file solves a series of readings: use the commands `palpate solve` or `palpate serve`";
+
 /// A calibrated sensor: a method that is fitted to presses.
 #[pyclass(name = "Model", frozen, module = "palpate")]
 pub struct PyModel {
@@ -70,6 +74,7 @@ pub fn fit(
         false_alarms: false_alarms.unwrap_or(default.false_alarms),
         forces_n: forces_n.into_iter().flat_map(|(least, most)| [least, most]).collect(),
         vector: false,
+        history: false,
         columns: ColumnsOptions { columns, sheet: None },
     };
     let path = run.path().to_owned();
@@ -80,13 +85,15 @@ impl PyModel {
     fn of(py: Python<'_>, sensor: Result<(Sensor, Vec<String>), api::Failure>) -> PyResult<Self> {
         let (Sensor { model, sensor, made_from }, notes) = sensor.map_err(raised)?;
         warn(py, &notes)?;
-        let SensorModel::Contact(model) = model else {
-            return Err(UsageError::new_err(
-                "the sensor file solves force vectors: load it with palpate.VectorModel.load",
-            ));
-        };
-        let model = *model;
-        Ok(PyModel { model: Arc::new(model), sensor, made_from, idle: Mutex::default() })
+        match model {
+            SensorModel::Contact(model) => {
+                Ok(PyModel { model: Arc::new(*model), sensor, made_from, idle: Mutex::default() })
+            }
+            SensorModel::Vector(_) => {
+                Err(UsageError::new_err("the sensor file solves force vectors: load it with palpate.VectorModel.load"))
+            }
+            SensorModel::History(_) => Err(UsageError::new_err(SERIES)),
+        }
     }
 
     /// Runs with a session that knows no reading.

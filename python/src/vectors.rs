@@ -2,6 +2,7 @@
 
 use super::frame::{ColumnValues, PyColumn, PyFrame};
 use super::given::{RunPath, noted};
+use super::model::SERIES;
 use super::readings::PyReadings;
 use super::refused::{UsageError, raised, warn};
 use palpate::api::{self, ColumnsOptions, MethodOptions, Sensor, SensorModel, UNSOLVED, vector_numbers};
@@ -101,12 +102,15 @@ impl PyVectorModel {
     fn of(py: Python<'_>, sensor: Result<(Sensor, Vec<String>), api::Failure>) -> PyResult<Self> {
         let (Sensor { model, sensor, made_from }, notes) = sensor.map_err(raised)?;
         warn(py, &notes)?;
-        let SensorModel::Vector(model) = model else {
-            return Err(UsageError::new_err(
-                "the sensor file solves no force vectors: load it with palpate.Model.load",
-            ));
-        };
-        Ok(PyVectorModel { fits: Arc::new(VectorFits::new(*model)), sensor, made_from })
+        match model {
+            SensorModel::Vector(model) => {
+                Ok(PyVectorModel { fits: Arc::new(VectorFits::new(*model)), sensor, made_from })
+            }
+            SensorModel::Contact(_) => {
+                Err(UsageError::new_err("the sensor file solves no force vectors: load it with palpate.Model.load"))
+            }
+            SensorModel::History(_) => Err(UsageError::new_err(SERIES)),
+        }
     }
 }
 

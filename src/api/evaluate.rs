@@ -137,7 +137,7 @@ pub fn evaluate(options: &EvaluateOptions, note: Note<'_>) -> Result<Evaluated, 
     if options.history {
         let [source] = options.run.as_slice() else {
             let help = "palpate evaluate series.csv --history --columns t_s=time,force_n=Fz,outputs=ch0..ch15";
-            return Err(Failure::usage(miette::miette!(help = help, "--history takes one table")));
+            return Err(Failure::usage(miette::miette!(help = help, "--history takes one table or run")));
         };
         let errors = history::evaluated(source, &options.columns, note)?;
         return Ok(Evaluated { history: Some(errors), ..Evaluated::default() });

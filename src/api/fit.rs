@@ -2,7 +2,7 @@
 
 use super::method::{FitSource, MethodOptions};
 use super::solutions::Measure;
-use super::{Failure, Note, vectors};
+use super::{Failure, Note, history, vectors};
 use palpate_data::dataset::Fingerprint;
 use palpate_data::dataset::sensor_file::{
     Card, SensorFile, SensorFileError, SensorModel, check_replaceable, read_any_sensor_file,
@@ -41,6 +41,9 @@ pub fn fit(calibration: &Path, options: &MethodOptions, note: Note<'_>) -> Resul
     options.check()?;
     if options.vector {
         return vectors::fit(calibration, options, note);
+    }
+    if options.history {
+        return history::fit(calibration, options, note);
     }
     let source = FitSource::read(calibration, options, note)?;
     let model = options.fit(&source)?;

@@ -59,6 +59,9 @@ pub struct MethodOptions {
     /// Solve force vectors or two contacts, from presses and drags
     #[arg(long, conflicts_with_all = ["solver", "constant_load", "quantity", "common_offset", "forces_n"])]
     pub vector: bool,
+    /// Solve the force of a series of readings with times
+    #[arg(long, conflicts_with_all = ["solver", "constant_load", "quantity", "common_offset", "false_alarms", "forces_n", "vector"])]
+    pub history: bool,
     /// Meaning of the columns of tables.
     #[command(flatten)]
     pub columns: ColumnsOptions,
@@ -133,6 +136,7 @@ impl Default for MethodOptions {
             false_alarms: Setting::default().false_alarms,
             forces_n: Vec::new(),
             vector: false,
+            history: false,
             columns: ColumnsOptions::default(),
         }
     }

@@ -18,7 +18,7 @@ macro_rules! shipped {
 
 /// The recipes: `recipes/NAME.toml`.
 pub(crate) const RECIPES: &[Shipped] =
-    &shipped!("recipes": "paper", "calibrate", "characterise", "test", "bench", "batch");
+    &shipped!("recipes": "paper", "calibrate", "characterise", "test", "bench", "batch", "over-time");
 
 /// The rigs: `rigs/NAME.toml`.
 pub(crate) const RIGS: &[Shipped] = &shipped!(

@@ -2,18 +2,18 @@
 
 use super::choices::ReadingsChoice;
 use super::fit::{DEPTH_IS_SOLVED, Sensor, fit, read_sensor};
+use super::force_answer::ForceSolutions;
 use super::lines::AnswerWriter;
 use super::method::MethodOptions;
 use super::solutions::{Measure, Solutions};
 use super::stream::AnswerStream;
-use super::vector_answer::VectorSolutions;
 use super::{Failure, Note};
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::answers::{Answers, ReadingSolver};
 use palpate_data::dataset::readings::{Readings, StreamLines};
 use palpate_data::dataset::sensor_file::SensorModel;
-use palpate_solver::Session;
 use palpate_solver::vector::{VectorFits, VectorSession};
+use palpate_solver::{HistorySession, Session};
 use std::io::{self, Read, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -48,8 +48,17 @@ pub struct SolveOptions {
 }
 
 /// Options that a sensor file has already fixed.
-const FITTED_BEFORE: [&str; 8] =
-    ["calibration", "solver", "constant_load", "quantity", "common_offset", "false_alarms", "forces_n", "vector"];
+const FITTED_BEFORE: [&str; 9] = [
+    "calibration",
+    "solver",
+    "constant_load",
+    "quantity",
+    "common_offset",
+    "false_alarms",
+    "forces_n",
+    "vector",
+    "history",
+];
 
 impl SolveOptions {
     /// Reads the sensor file, or fits the method to the calibration.
@@ -94,9 +103,13 @@ pub fn solve(
             answer(Session::new(*model), units, options, readings, solutions, note)
         }
         SensorModel::Vector(model) => {
-            let (solutions, units) = (VectorSolutions::new(contacts, json, keep_going), model.validity().units);
+            let (solutions, units) = (ForceSolutions::new(contacts, json, keep_going), model.validity().units);
             let session = VectorSession::new(Arc::new(VectorFits::new(*model)));
             answer(session, units, options, readings, solutions, note)
+        }
+        SensorModel::History(model) => {
+            let (solutions, units) = (ForceSolutions::new(contacts, json, keep_going), model.validity().units);
+            answer(HistorySession::new(model), units, options, readings, solutions, note)
         }
     }
 }

@@ -45,9 +45,13 @@ pub(super) struct AdaptArgs {
 /// Changes the old presses, fits, and writes the file.
 pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     let SensorFileArgs { out, method, output } = &args.file;
-    if method.vector {
-        let help = "fit the new presses alone: palpate fit RUN --vector --out FILE";
-        return Err(Failure::usage(miette::miette!(help = help, "`adapt` doesn't know force vectors")));
+    for (is_given, option, what) in
+        [(method.vector, "--vector", "force vectors"), (method.history, "--history", "series of readings")]
+    {
+        if is_given {
+            let help = format!("fit the new presses alone: palpate fit RUN {option} --out FILE");
+            return Err(Failure::usage(miette::miette!(help = help, "`adapt` doesn't know {what}")));
+        }
     }
     check_replaceable(out).map_err(Failure::usage)?;
     let old = FitSource::read_older(&args.from, method, &note)?;

@@ -234,7 +234,7 @@ pub(super) fn object(plan: &Plan, rig: &RigSpec) -> Value {
 /// Returns the phases that a plan has, each with its presses.
 fn parts(plan: &Plan) -> impl Iterator<Item = (Phase, Vec<Entry>)> {
     let part = |phase| plan.entries.iter().filter(|entry| entry.phase == phase).cloned().collect();
-    let all = [Phase::Teach, Phase::Characterisation, Phase::Calibration, Phase::Test];
+    let all = [Phase::Teach].into_iter().chain(Phase::ALL.into_iter().filter(|phase| *phase != Phase::Teach));
     all.into_iter().map(move |phase| (phase, part(phase))).filter(|(_, part): &(Phase, Vec<Entry>)| !part.is_empty())
 }
 
@@ -300,6 +300,7 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     }
     let _ = writeln!(text, "  depth at most {} mm below the measured surface", limits.depth_mm);
     text.push_str(&dragged(plan, rig));
+    text.push_str(&followed(plan, rig));
     text.push_str(&tilted(plan, rig));
     let (steps, descent_s) = first_descent(rig);
     let _ = writeln!(
@@ -447,6 +448,18 @@ fn dragged(plan: &Plan, rig: &RigSpec) -> String {
         "  a drag of {} mm ends with at most {shear_n:.3} of {shear_most_n} N sideways,\n  {length_n:.3} of {} N in all, even if the tip sticks\n",
         round(way(&entry), 3),
         rig.limits.force_n
+    )
+}
+
+/// Describes what levels that are followed over time can show.
+fn followed(plan: &Plan, rig: &RigSpec) -> String {
+    let times_s = plan.entries.iter().map(|entry| entry.task.follow_s).filter(|follow_s| *follow_s > 0.0);
+    let Some(longest_s) = times_s.reduce(f64::max) else { return String::new() };
+    let hz = rig.load_cell.conversions_hz;
+    format!(
+        "  followed for up to {}: {hz} forces per second, outputs as fast as the\n  array answers; shows time constants from {} s to {longest_s} s\n",
+        duration(longest_s),
+        round(2.0 / hz, 3)
     )
 }
 

@@ -16,7 +16,6 @@ use std::process::ExitCode;
 const EXAMPLES: &str = "\
 Examples:
   palpate evaluate runs/paper
-  palpate evaluate runs/paper --solver pearson --json
   palpate evaluate runs/paper --solver all
   palpate evaluate grid.csv random.csv --accept example/accept.toml
   palpate evaluate grid.csv --holdout places 20% --seed 2 --save parts
@@ -27,9 +26,9 @@ Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n or
 depth_mm. Without force_n, depths are solved; without both, only the proportions
 of the outputs are used, and only location errors are evaluated.
 
-With --holdout, one table or the calibration of a run is split first. The method
-is chosen and fitted with the calibration part only. The verdict is then not
-decided, unless the rule has `holdout = true`.
+With --holdout, one table or the calibration of a run is split before the method
+is chosen and fitted. The verdict is then not decided, unless the rule has
+`holdout = true`.
 
 With three columns of forces and no places, force vectors are solved, without
 each group of --folds-by or each fifth of the rows.

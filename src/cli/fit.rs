@@ -6,6 +6,7 @@ use super::summary::note;
 use crate::api::fit::place;
 use crate::api::{self, Failure, MethodOptions};
 use palpate_data::dataset::sensor_file::{Card, SensorFile, SensorModel, check_replaceable};
+use palpate_solver::HISTORY_METHOD;
 use palpate_solver::vector::VECTOR_METHOD;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -14,17 +15,17 @@ use std::process::ExitCode;
 const EXAMPLES: &str = "\
 Examples:
   palpate fit runs/paper --out sensor.palpate
-  palpate fit grid.csv --solver surrogate --out A-017.palpate
   palpate fit runs/drags --vector --out sensor.palpate
+  palpate fit series.csv --history --out skin.palpate
   palpate solve --model sensor.palpate < readings.csv
 
 The file holds the fitted method. `solve --model` gives the same answers as
-`solve --calibration`, bit for bit, without fitting. Its first two lines are text:
+`solve --calibration`, without fitting. Its first two lines are text:
 the source, and the valid area and forces. It has 128 MB at most. If the presses
 don't fit into it, readings with a missing output can't be solved.
 
-Forces are those of the load cell. `evaluate` of a run uses the set forces, as the
-paper does, so its cross-validation errors differ slightly.";
+Forces are those of the load cell. `evaluate` uses the set forces of a run, so its
+errors differ slightly.";
 
 /// Fit a method to a calibration and write the calibrated sensor to a file
 #[derive(Debug, clap::Args)]
@@ -67,7 +68,8 @@ pub(super) fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
 pub(super) fn write(file: &SensorFile, out: &Path) -> Result<(String, Value), Failure> {
     place(file, out)?;
     let Card { method, bytes, keeps_presses, .. } = &file.card;
-    let kept = if *keeps_presses || method == VECTOR_METHOD { "" } else { ", without its presses" };
+    let needs_presses = ![VECTOR_METHOD, HISTORY_METHOD].contains(&method.as_str());
+    let kept = if *keeps_presses || !needs_presses { "" } else { ", without its presses" };
     let (path, kb) = (out.display(), bytes.div_ceil(1000));
     let text = format!("{path}: {method}, {kb} kB{kept}\nnext: palpate solve --model {path} < readings.csv\n");
     Ok((text, json!({ "file": out, "method": method, "bytes": bytes, "keeps_presses": keeps_presses })))

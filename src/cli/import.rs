@@ -101,7 +101,7 @@ pub(super) fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     let origins = Origins::of_import(columns.map(|columns| columns.text));
     let folder = RunFolder::create(args.out.as_deref(), &origins, facts, session(Durability::Fast), &bench.layout);
     let mut folder = folder.map_err(Failure::dataset)?;
-    record(&mut folder, tables, started).map_err(Failure::dataset)?;
+    record(&mut folder, tables, mapping.is_series(), started).map_err(Failure::dataset)?;
     let path = folder.path().display().to_string();
     if !bench.is_placed {
         tell("note: the positions of the units aren't known (`array` of the columns file)\n")?;
@@ -218,15 +218,21 @@ fn name_of(table: &Path) -> String {
     }
 }
 
-/// Records every press as a separate contact, then the end.
-fn record(folder: &mut RunFolder, tables: Vec<(Presses, Phase)>, started: Instant) -> Result<(), DatasetError> {
+/// Records every press as a separate contact, then the end. The readings of a series have their time since its first one.
+fn record(
+    folder: &mut RunFolder,
+    tables: Vec<(Presses, Phase)>,
+    is_series: bool,
+    started: Instant,
+) -> Result<(), DatasetError> {
+    let began_s = tables[0].0.presses.first().and_then(|press| press.t_s).filter(|_| is_series);
     let presses =
         tables.into_iter().flat_map(|(table, phase)| table.presses.into_iter().map(move |press| (press, phase)));
     for (number, (mut press, phase)) in presses.enumerate() {
         press.press = number as u64;
         press.phase = Some(phase);
-        // a time of another program isn't the time since the run's start; the order is kept
-        press.t_s = None;
+        // a time of another program isn't the time since the run's start; otherwise only the order is kept
+        press.t_s = press.t_s.zip(began_s).map(|(t_s, began_s)| t_s - began_s);
         let contact = RecordedContact { press: press.press, levels: vec![press], ..RecordedContact::default() };
         folder.record(&Record::Contact(contact))?;
     }

@@ -1,7 +1,7 @@
 //! A calibrated sensor for a person: its method, the reason for the choice, and what `--constant-load` would gain.
 
 use super::summary::tell;
-use super::tables::{chosen, filled};
+use super::tables::{chosen, filled, memories};
 use crate::api::fit::constant_load_gain_mm;
 use crate::api::{Failure, Sensor};
 use palpate_data::dataset::sensor_file::SensorModel;
@@ -13,13 +13,15 @@ pub(super) fn tell_sensor(Sensor { model, sensor, .. }: &Sensor, is_new: bool) -
     tell(&format!("{}{of}\n", fitted_to(model.method(), model.validity())))?;
     match model {
         SensorModel::Contact(model) if is_new => model.fitted().choice().map_or(Ok(()), |choice| tell(&chosen(choice))),
+        SensorModel::History(model) => model.choice().map_or(Ok(()), |choice| tell(&filled(&memories(choice), "  "))),
         _ => Ok(()),
     }
 }
 
-/// Describes which method was fitted to how much.
+/// Describes which method was fitted to how much. A series of readings has no places.
 pub(super) fn fitted_to(method: &str, validity: &Validity) -> String {
-    format!("{method}, fitted to {} presses of {} outputs", validity.presses, validity.units)
+    let rows = if validity.places == 0 { "readings" } else { "presses" };
+    format!("{method}, fitted to {} {rows} of {} outputs", validity.presses, validity.units)
 }
 
 /// For a calibration without forces, prints what `--constant-load` would gain, by the same method on held-out presses.

@@ -3,11 +3,11 @@
 use super::method::tell_sensor;
 use super::summary::{note, print, tell};
 use crate::api::Failure;
+use crate::api::force_answer::ForceSolutions;
 use crate::api::lines::AnswerWriter;
 use crate::api::read_sensor;
 use crate::api::solutions::{Measure, Solutions};
 use crate::api::stream::AnswerStream;
-use crate::api::vector_answer::VectorSolutions;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::parallel::lock;
 use palpate_data::dataset::Mapping;
@@ -15,7 +15,7 @@ use palpate_data::dataset::answers::{Answers, ReadingSolver};
 use palpate_data::dataset::readings::{Readings, StreamLines};
 use palpate_data::dataset::sensor_file::SensorModel;
 use palpate_solver::vector::{VectorFits, VectorSession};
-use palpate_solver::{Fits, Session};
+use palpate_solver::{Fits, HistoryRegression, HistorySession, Session};
 use socket2::{Domain, Socket, Type};
 use std::collections::HashMap;
 use std::io::{self, Read, Write};
@@ -91,6 +91,7 @@ struct Service {
 enum SharedFits {
     Contact(Arc<Fits>),
     Vector(Arc<VectorFits>),
+    History(Arc<HistoryRegression>),
 }
 
 /// Connections that are served.
@@ -119,6 +120,7 @@ pub(super) fn serve(args: &ServeArgs) -> Result<ExitCode, Failure> {
     let fits = match sensor.model {
         SensorModel::Contact(model) => SharedFits::Contact(Arc::new(Fits::new(*model))),
         SensorModel::Vector(model) => SharedFits::Vector(Arc::new(VectorFits::new(*model))),
+        SensorModel::History(model) => SharedFits::History(model.into()),
     };
     let cant = || format!("can't listen at {}", args.listen);
     let listener = listen(args.listen).map_err(|error| {
@@ -193,8 +195,12 @@ impl Service {
                 self.answer(Session::sharing(fits.clone()), model.validity().units, client, peer, solutions)
             }
             SharedFits::Vector(fits) => {
-                let solutions = VectorSolutions::new(stream, self.json, true);
+                let solutions = ForceSolutions::new(stream, self.json, true);
                 self.answer(VectorSession::new(fits.clone()), fits.model().validity().units, client, peer, solutions)
+            }
+            SharedFits::History(fit) => {
+                let solutions = ForceSolutions::new(stream, self.json, true);
+                self.answer(HistorySession::new(fit.clone()), fit.validity().units, client, peer, solutions)
             }
         }
     }

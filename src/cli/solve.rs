@@ -9,8 +9,7 @@ use std::process::ExitCode;
 const EXAMPLES: &str = "\
 Examples:
   palpate solve --calibration runs/paper < readings.csv > contacts.csv
-  palpate solve --calibration grid.csv --solver pearson-lsq < readings.csv
-  palpate solve --calibration runs/paper --json < readings.ndjson
+  palpate solve --calibration grid.csv --json < readings.ndjson
   palpate solve --model sensor.palpate < readings.csv
 
 Each line is a reading: CSV with a header that has out_1..out_n, or numbers
@@ -32,11 +31,14 @@ Where the outputs can't show them, the verdict is shear-unknown, and
 shear_bound_n is their expected error. Other verdicts: two-contacts (second_...),
 two-not-separable, unit-fault (unit: which taxel), or two causes.
 
-A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
-solved by the same method fitted without that channel.
+A series (--history, or its file) needs t_s, in s, and all outputs with
+each reading. The answer is force_n.
 
-If too many contacts don't fit the calibration, a line on standard error asks
-once to calibrate again.
+A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
+solved by the same method without that channel.
+
+If too many contacts don't fit, a line on standard error asks once to calibrate
+again.
 
 An invalid line ends the program. With --keep-going, its answer is unsolved, with
 line and error. An invalid header still ends it.";

@@ -9,7 +9,8 @@ use palpate_report::errors::{self, Detail};
 use palpate_report::paper;
 use palpate_solver::vector::{PairShares, SuperposedPresses, VectorErrors};
 use palpate_solver::{
-    BEST, Choice, ErrorSummary, Evaluation, HistoryEvaluation, LoadGain, MethodForceErrors, Tie, TriedMethod, Verdicts,
+    BEST, Choice, ErrorSummary, Evaluation, HistoryEvaluation, LoadGain, MemoryChoice, MethodForceErrors, Tie,
+    TriedMethod, Verdicts,
 };
 use std::fmt::Write as _;
 
@@ -156,21 +157,24 @@ pub(super) fn history_table(errors: &HistoryEvaluation) -> String {
     for (name, errors) in [("newest reading", errors.newest), ("with earlier readings", errors.with_memories)] {
         table.row(std::iter::once(name.to_owned()).chain([errors.mean_n, errors.rmse_n, errors.p95_n].map(figures)));
     }
-    let lower = 100.0 * (1.0 - errors.with_memories.rmse_n / errors.newest.rmse_n);
-    let memory = match (errors.memory_s, errors.has_play) {
-        (Some([first_s, last_s]), false) => format!("means over {first_s:.2} to {last_s:.0} s"),
-        (Some([first_s, last_s]), true) => format!("means over {first_s:.2} to {last_s:.0} s, and outputs with play"),
-        (None, _) => "outputs with play".to_owned(),
-    };
-    let end = match errors.is_used {
-        true => format!("earlier readings lower the error by {lower:.0} % ({memory})\n"),
-        false => "earlier readings don't lower the error clearly: the newest one is enough\n".to_owned(),
-    };
     let head = format!(
         "{} readings in {:.0} s, solved without each of {} blocks of time in turn",
         errors.rows, errors.span_s, errors.blocks
     );
-    filled(&head, "  ") + &table.to_string() + &end
+    filled(&head, "  ") + &table.to_string() + &memories(&errors.choice) + "\n"
+}
+
+/// Describes by how much earlier readings lower the error of a force, and which are used.
+pub(super) fn memories(choice: &MemoryChoice) -> String {
+    let memory = match (choice.memory_s, choice.has_play) {
+        (Some([first_s, last_s]), false) => format!("means over {first_s:.2} to {last_s:.0} s"),
+        (Some([first_s, last_s]), true) => format!("means over {first_s:.2} to {last_s:.0} s, and outputs with play"),
+        (None, _) => "outputs with play".to_owned(),
+    };
+    match choice.is_used {
+        true => format!("earlier readings lower the error by {:.0} % ({memory})", 100.0 * choice.lower_by),
+        false => "earlier readings don't lower the error clearly: the newest one is enough".to_owned(),
+    }
 }
 
 /// The errors of places and force vectors, and the shares of the errors within the stated ones.

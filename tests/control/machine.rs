@@ -113,6 +113,7 @@ fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> MachineDraw {
 fn task(rng: &mut RandomStream, limits: &Limits) -> PressTask {
     let force_n = limits.force_n * rng.random_range(0.02..1.0);
     let depth_mm = limits.depth_mm * rng.random_range(0.02..1.0);
+    let is_light = force_n < 0.4 * limits.force_n && depth_mm * limits.stiffness_n_mm < 0.6 * limits.force_n;
     let levels = match rng.random_range(0..5) {
         0 => PressTask::staircase(force_n, force_n / f64::from(rng.random_range(1..4))),
         // anything
@@ -137,6 +138,11 @@ fn task(rng: &mut RandomStream, limits: &Limits) -> PressTask {
         sample_s: rng.random_range(0.01..0.5),
         strategy: Strategy::ALL[rng.random_range(0..3)],
         sample_after_s: rng.random_bool(0.3).then(|| rng.random_range(0.1..3.0)),
+        follow_s: if rng.random_bool(0.8) { 0.0 } else { rng.random_range(0.0..9.0) },
+        // of a heavy press the way back is out of reach by the declared stiffness
+        ramps_mm_s: (0..if is_light { rng.random_range(0..3) } else { 0 })
+            .map(|_| 10f64.powf(rng.random_range(-2.0..1.0)))
+            .collect(),
         drag: None,
     }
 }
@@ -239,14 +245,15 @@ fn answers(command: &LoopCommand, event: &LoopEvent) -> bool {
     matches!(
         (command, event),
         (LoopCommand::Average(_), LoopEvent::Averaged { .. })
-            | (LoopCommand::Move(_) | LoopCommand::LeaveContact(_), LoopEvent::Moved { .. })
+            | (LoopCommand::Move(_) | LoopCommand::Ramp(_) | LoopCommand::LeaveContact(_), LoopEvent::Moved { .. })
+            | (LoopCommand::Follow(_), LoopEvent::Followed { .. })
             | (LoopCommand::Dwell(_), LoopEvent::Dwelt)
             | (LoopCommand::Sample(_), LoopEvent::Sampled { .. })
     )
 }
 
 fn most_commands(task: &PressTask) -> usize {
-    COMMANDS_MORE + COMMANDS_A_LEVEL * task.levels.len()
+    COMMANDS_MORE + COMMANDS_A_LEVEL * task.levels.len() + 8 * task.ramps_mm_s.len()
 }
 
 /// The specimen of a plausible driver: no stiffer than declared, its surface no earlier than expected, depths within reach.
@@ -322,7 +329,13 @@ fn drive_plausibly(seed: u64) -> (u64, MachineDriven) {
                 output.now_s += seconds;
                 LoopEvent::Dwelt
             }
-            LoopCommand::Move(granted) | LoopCommand::LeaveContact(granted) => {
+            LoopCommand::Follow(seconds) => {
+                broken.extend(broken_wait(*seconds));
+                output.now_s += seconds;
+                output.force_n = specimen.force_n(output.z_mm) + noise_n(20);
+                LoopEvent::Followed { force_n: output.force_n }
+            }
+            LoopCommand::Move(granted) | LoopCommand::Ramp(granted) | LoopCommand::LeaveContact(granted) => {
                 output.note_surface(&draw);
                 broken.extend(broken_promise(&draw, &output, granted));
                 if granted.z_mm() > output.z_mm {
@@ -343,7 +356,7 @@ fn drive_plausibly(seed: u64) -> (u64, MachineDriven) {
                     let steer = draw.press.see(force_n, output.now_s);
                     steps += 1;
                     broken.extend(broken_steer(granted, steer));
-                    if steer == Steer::Stop && matches!(command, LoopCommand::Move(_)) {
+                    if steer == Steer::Stop && matches!(command, LoopCommand::Move(_) | LoopCommand::Ramp(_)) {
                         break;
                     }
                 }
@@ -413,7 +426,12 @@ fn drive_with_garbage(seed: u64) -> (u64, MachineDraw, MachineTranscript, Vec<&'
                 broken.extend(broken_wait(*seconds));
                 LoopEvent::Dwelt
             }
-            LoopCommand::Move(granted) | LoopCommand::LeaveContact(granted) => {
+            LoopCommand::Follow(seconds) => {
+                broken.extend(broken_wait(*seconds));
+                output.force_n = value(specimen.force_n(output.z_mm));
+                LoopEvent::Followed { force_n: output.force_n }
+            }
+            LoopCommand::Move(granted) | LoopCommand::Ramp(granted) | LoopCommand::LeaveContact(granted) => {
                 output.note_surface(&draw);
                 broken.extend(broken_promise(&draw, &output, granted));
                 for _ in 0..3 {
@@ -527,11 +545,14 @@ fn finished_press_requests_no_motion() {
             LoopEvent::Moved { z_mm },
             LoopEvent::Dwelt,
             LoopEvent::Sampled { force_n },
+            LoopEvent::Followed { force_n },
             LoopEvent::Begin { z_mm, no_load },
         ] {
             draw.press.see(force_n, output.now_s);
             let command = draw.press.next(event, Moment { now_s: output.now_s, age_s: 0.0 });
-            if let LoopCommand::Move(granted) | LoopCommand::LeaveContact(granted) = command {
+            if let LoopCommand::Move(granted) | LoopCommand::Ramp(granted) | LoopCommand::LeaveContact(granted) =
+                command
+            {
                 assert!(granted.z_mm() <= z_mm + ROUNDING, "seed {seed}: it is over, and {event:?} has it {granted:?}");
             }
         }

@@ -6,6 +6,7 @@ mod import;
 mod killed;
 mod lake;
 mod long;
+mod over_time;
 mod recorded;
 mod series;
 

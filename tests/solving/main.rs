@@ -12,6 +12,7 @@ mod forces;
 mod golden;
 mod history;
 mod missing;
+mod over_time;
 mod paper;
 mod real_skins;
 mod sensor_file;

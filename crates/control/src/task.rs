@@ -101,6 +101,11 @@ pub struct PressTask {
     /// Time at which the window of the first level begins, s from contact. `None`: the window begins when the level is reached
     /// and held.
     pub sample_after_s: Option<f64>,
+    /// Time for which the last level is followed after its window, s: all devices are read at rest. 0: not at all.
+    pub follow_s: f64,
+    /// Speeds of the ramps after the last level, mm/s: away from the specimen, and back to where the level was held. Presses with the same
+    /// ramps share them.
+    pub ramps_mm_s: Arc<[f64]>,
     /// Drag after the last level, which is sampled at its end; `None`: none. Presses with the same drag share it: a plan may have a
     /// million of them.
     pub drag: Option<Arc<Drag>>,

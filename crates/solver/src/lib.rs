@@ -47,8 +47,9 @@
 //! `prepared`. A [`Model`] is a fit with all data that a session needs. A sensor file stores it. [`Adapted`] makes a model from an
 //! older calibration and a few new presses (`adapt`).
 //! A [`Prior`] makes a model from few presses and the full calibrations of other sensors of the design (`prior`).
+//! A [`HistoryRegression`] solves the force of a series of readings, with memories of earlier ones where they help.
 //! [`vector`] solves place and force along three axes, from presses and drags; [`two`] solves two contacts at once,
-//! and [`causes`] decides what a misfit means.
+//! and [`causes`] decides what a misfit means. [`over_time`] estimates time constants, noise and wear from repeated readings.
 
 #![forbid(unsafe_code)]
 
@@ -82,6 +83,7 @@ mod method;
 mod model;
 mod noise;
 mod normal;
+pub mod over_time;
 mod pattern_map;
 mod pearson;
 mod physics;
@@ -124,7 +126,10 @@ pub use fitted::{Choice, Fitted, Tie, TriedMethod};
 pub use forces::{
     ComponentErrors, ForceEvaluation, ForceRegression, ForceTable, ForceTableError, MethodForceErrors, evaluate_forces,
 };
-pub use history::{HistoryEvaluation, HistoryRegression, HistorySession, Series, SeriesError, evaluate_history};
+pub use history::{
+    HISTORY_METHOD, HistoryEvaluation, HistoryRegression, HistorySession, MemoryChoice, Series, SeriesError,
+    evaluate_history,
+};
 pub use model::{Model, ModelError, Validity};
 pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array};

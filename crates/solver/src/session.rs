@@ -2,6 +2,7 @@
 
 use super::chart::MisfitChart;
 use super::fits::Unmade;
+use super::history::GAP_MOST;
 use super::{
     Broken, ContactVerdict, FitError, Fits, Fitted, MOST_FITS, Model, OutputFault, Solution, SolveError, Solver,
     Workspace,
@@ -66,6 +67,25 @@ pub enum Unanswered {
     /// Other sets of units were missing before, too many for another fit.
     #[error("outputs are missing in more than {MOST_PARTIAL} combinations, the largest number of fits")]
     TooMany,
+    /// The reading of a series has no time.
+    #[error("the reading has no time: a sensor with a history needs t_s, in s")]
+    NoTime,
+    /// Times of a series don't increase.
+    #[error("its time of {t_s} s isn't later than {before_s} s, that of the reading before")]
+    NotLater {
+        /// Time of the reading, s.
+        t_s: f64,
+        /// Time of the reading before, s.
+        before_s: f64,
+    },
+    /// Readings of a series are missing.
+    #[error(
+        "no reading for {gap_s:.2} s: after more than {GAP_MOST} intervals of the calibration its history begins again"
+    )]
+    Gap {
+        /// Time since the reading before, s.
+        gap_s: f64,
+    },
     /// Other sessions of the same model use too many fits.
     #[error("other sessions of this sensor use {MOST_FITS} fits without broken or missing outputs, the largest number")]
     TooManyInAll,

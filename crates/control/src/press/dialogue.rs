@@ -55,6 +55,10 @@ pub enum LoopCommand {
     Dwell(f64),
     /// Sample force and outputs for this time, s; answered by [`LoopEvent::Sampled`].
     Sample(f64),
+    /// Move along z like [`Move`](Self::Move), and read all devices meanwhile; answered by [`LoopEvent::Moved`].
+    Ramp(Permitted),
+    /// Stay still for this time, s, and read all devices; answered by [`LoopEvent::Followed`].
+    Follow(f64),
     /// Retract for good. The next action may begin once the specimen is clear. Answered by [`LoopEvent::Moved`].
     LeaveContact(Permitted),
     /// The contact is over.
@@ -99,6 +103,11 @@ pub enum LoopEvent {
     },
     /// The dwell is over.
     Dwelt,
+    /// The time is over for which a level was followed.
+    Followed {
+        /// Mean of the last forces, N.
+        force_n: f64,
+    },
     /// The window is over.
     Sampled {
         /// Mean force in the window, N.
@@ -113,7 +122,9 @@ impl LoopEvent {
         let (number, unit) = match *self {
             LoopEvent::Begin { z_mm, no_load } => (z_mm + no_load.mean_n + no_load.sigma_n, "mm"),
             LoopEvent::Moved { z_mm } => (z_mm, "mm"),
-            LoopEvent::Averaged { force_n } | LoopEvent::Sampled { force_n } => (force_n, "N"),
+            LoopEvent::Averaged { force_n } | LoopEvent::Sampled { force_n } | LoopEvent::Followed { force_n } => {
+                (force_n, "N")
+            }
             LoopEvent::AxesAveraged { force_n, side_n } => (force_n + side_n.map_or(0.0, |[x_n, y_n]| x_n + y_n), "N"),
             LoopEvent::Dragged { x_mm, y_mm } => (x_mm + y_mm, "mm"),
             LoopEvent::Dwelt => return Ok(()),

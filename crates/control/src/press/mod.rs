@@ -5,6 +5,7 @@ mod dialogue;
 mod dragged;
 mod follows;
 mod guarded;
+mod ramp;
 mod shot;
 mod soft;
 mod state;
@@ -18,6 +19,7 @@ use super::trip::{SafetyRule, Trip};
 pub use dialogue::{Context, LoopCommand, LoopEvent, Moment, NoLoadReadings, Steer};
 use dragged::DragProgress;
 pub use guarded::{FIRST_APPROACH_MM_S, TOUCH_MOST_N};
+use ramp::RampProgress;
 pub use soft::Softest;
 pub use velocity::GAIN_TIMES_DEAD_TIME;
 
@@ -59,6 +61,8 @@ impl ForceLoop {
             first_mm: context.expected.first_mm,
             in_contact: false,
             dwelt: false,
+            followed: false,
+            ramped: RampProgress::default(),
             steps: 0,
             motion: None,
             broken: None,
@@ -178,6 +182,12 @@ impl ForceLoop {
             (PressState::Dwelling | PressState::Lingering, LoopEvent::Dwelt) => self.average(PressState::Reading),
             (PressState::Waiting, LoopEvent::Dwelt) => self.sample(),
             (PressState::Sampling, LoopEvent::Sampled { force_n }) => self.sampled(force_n),
+            (PressState::Ramping, LoopEvent::Moved { z_mm }) => {
+                self.z_mm = z_mm;
+                self.average(PressState::Ramped)
+            }
+            (PressState::Ramped, LoopEvent::Averaged { force_n }) => self.ramp_ended(force_n),
+            (PressState::Following, LoopEvent::Followed { force_n }) => self.followed(force_n),
             (PressState::Bracing, LoopEvent::AxesAveraged { force_n, side_n }) => self.brace(force_n, side_n),
             (PressState::Dragging, LoopEvent::Dragged { x_mm, y_mm }) => self.drag_went([x_mm, y_mm]),
             (PressState::Dragged, LoopEvent::AxesAveraged { force_n, side_n }) => self.drag_ended(force_n, side_n),
@@ -222,6 +232,10 @@ impl ForceLoop {
 
     fn next_level(&mut self) -> Result<LoopCommand, Trip> {
         match self.level() {
+            None if self.task.follow_s > 0.0 && !self.followed => {
+                self.go(PressState::Following, LoopCommand::Follow(self.task.follow_s))
+            }
+            None if self.ramp_ahead() => self.ramp(),
             None if self.drag_ahead().is_some() => self.average_axes(PressState::Bracing),
             None if self.in_contact || self.z_mm > self.context.clear_mm + STEP_LEAST_MM => self.leave_contact(),
             None => Ok(LoopCommand::Done),
@@ -306,6 +320,19 @@ impl ForceLoop {
         self.level += 1;
         self.steps = 0;
         self.dwelt = false;
+        self.next_level()
+    }
+
+    /// Ends a time for which the last level was followed. A force may relax by any part, but it doesn't disappear.
+    fn followed(&mut self, force_n: f64) -> Result<LoopCommand, Trip> {
+        let least_n = self.context.zero.detect_n();
+        if self.in_contact && force_n < least_n {
+            return Err(Trip::new(SafetyRule::Fallen, force_n, least_n, "N"));
+        }
+        if self.in_contact {
+            self.force_n = force_n;
+        }
+        (self.followed, self.rested) = (true, None);
         self.next_level()
     }
 

@@ -2,6 +2,7 @@
 
 use super::dialogue::{Context, Moment};
 use super::dragged::DragProgress;
+use super::ramp::RampProgress;
 use crate::profile::MotionProfile;
 use crate::task::PressTask;
 use crate::trip::Trip;
@@ -35,6 +36,9 @@ pub(super) enum PressState {
     Lingering,
     Waiting,
     Sampling,
+    Following,
+    Ramping,
+    Ramped,
     Bracing,
     Dragging,
     Dragged,
@@ -58,6 +62,9 @@ pub struct ForceLoop {
     pub(super) first_mm: f64,
     pub(super) in_contact: bool,
     pub(super) dwelt: bool,
+    /// Whether the last level was followed.
+    pub(super) followed: bool,
+    pub(super) ramped: RampProgress,
     pub(super) steps: u32,
     pub(super) motion: Option<MotionInProgress>,
     /// Rule that a reading broke during a motion.

@@ -3,7 +3,8 @@
 use super::readings::{LineContent, Reading, ReadingError, Readings};
 use miette::Diagnostic;
 use palpate_solver::vector::{VectorSession, VectorSolution};
-use palpate_solver::{Broken, Session, Solution, Unanswered};
+use palpate_solver::{Broken, HistorySession, Session, Solution, Unanswered};
+use serde_json::Value;
 
 /// Answers one line after another.
 pub struct Answers<S: ReadingSolver = Session> {
@@ -16,11 +17,14 @@ pub trait ReadingSolver {
     /// Answer to a reading.
     type Solution;
 
+    /// Whether each reading needs a time.
+    const NEEDS_TIME: bool = false;
+
     /// Solves the next reading; a missing output is NaN.
     ///
     /// # Errors
     /// The reading has no answer.
-    fn solve(&mut self, outputs: &[f64]) -> Result<Self::Solution, Unanswered>;
+    fn solve(&mut self, reading: &Reading) -> Result<Self::Solution, Unanswered>;
 
     /// Units that are excluded, in the order in which they were found.
     fn broken(&self) -> &[Broken] {
@@ -36,8 +40,8 @@ pub trait ReadingSolver {
 impl ReadingSolver for Session {
     type Solution = Solution;
 
-    fn solve(&mut self, outputs: &[f64]) -> Result<Solution, Unanswered> {
-        Session::solve(self, outputs)
+    fn solve(&mut self, reading: &Reading) -> Result<Solution, Unanswered> {
+        Session::solve(self, &reading.outputs)
     }
 
     fn broken(&self) -> &[Broken] {
@@ -52,8 +56,20 @@ impl ReadingSolver for Session {
 impl ReadingSolver for VectorSession {
     type Solution = VectorSolution;
 
-    fn solve(&mut self, outputs: &[f64]) -> Result<VectorSolution, Unanswered> {
-        VectorSession::solve(self, outputs)
+    fn solve(&mut self, reading: &Reading) -> Result<VectorSolution, Unanswered> {
+        VectorSession::solve(self, &reading.outputs)
+    }
+}
+
+impl ReadingSolver for HistorySession {
+    /// The force, N.
+    type Solution = f64;
+
+    const NEEDS_TIME: bool = true;
+
+    fn solve(&mut self, reading: &Reading) -> Result<f64, Unanswered> {
+        let t_s = reading.t_s.as_ref().and_then(Value::as_f64).ok_or(Unanswered::NoTime)?;
+        HistorySession::solve(self, t_s, &reading.outputs)
     }
 }
 
@@ -85,7 +101,7 @@ pub enum UnansweredLine {
 impl<S: ReadingSolver> Answers<S> {
     /// Reads lines as `readings` does, and solves them as `session` does.
     pub fn new(readings: Readings, session: S) -> Self {
-        Answers { readings, session }
+        Answers { readings: readings.with_times(S::NEEDS_TIME), session }
     }
 
     /// Returns the session, with the method and the excluded units.
@@ -102,7 +118,7 @@ impl<S: ReadingSolver> Answers<S> {
         let solved = match self.readings.read(line)? {
             LineContent::Nothing => return Ok(None),
             LineContent::Bad(error) => Err(UnansweredLine::Bad(error)),
-            LineContent::Reading => self.session.solve(&self.readings.reading().outputs).map_err(UnansweredLine::from),
+            LineContent::Reading => self.session.solve(self.readings.reading()).map_err(UnansweredLine::from),
         };
         let broken = &self.session.broken()[known..];
         let is_out_of_date = self.session.is_out_of_date() && !was_out_of_date;

@@ -25,7 +25,7 @@ keys! {
         force_x_n: Text, Allowed, "the column with the force of the tip along x, where the force has three components", "\"Fx [N]\"";
         force_y_n: Text, Allowed, "the column with the force of the tip along y", "\"Fy [N]\"";
         group: Text, Allowed, "the column whose values name groups of presses, which `evaluate --folds-by` leaves out", "\"trial\"";
-        t_s: Text, Allowed, "the column with the time of a series, for `evaluate --history`; a series may have no places", "\"time\"";
+        t_s: Text, Allowed, "the column with the time of a series, for `--history`; a series may have no places", "\"time\"";
         depth_mm: Text, Allowed, "the column with the depth below the surface; without it, `depth_mm` if the table has it", "\"depth\"";
         outputs: Either(&[Text, Texts]), Allowed,
             "the columns with the outputs, in order: the first and the last of numbered ones, or a list; without it, out_1, out_2, ...",
@@ -280,9 +280,14 @@ impl Mapping {
         self
     }
 
+    /// Whether the presses are a series: their time is named.
+    pub fn is_series(&self) -> bool {
+        self.t_s.is_some()
+    }
+
     /// Whether the presses may have no places: they are a series, or the force has three components.
     pub(super) fn may_lack_places(&self) -> bool {
-        self.t_s.is_some() || self.has_force_vector()
+        self.is_series() || self.has_force_vector()
     }
 
     /// Returns the names of the columns with the forces along x and y, if they are named.

@@ -36,6 +36,7 @@ mod loss;
 mod manifest;
 mod mapping;
 mod new_folder;
+mod over_time;
 mod places;
 mod press;
 mod presses;
@@ -69,13 +70,17 @@ pub use lookalike::Lookalike;
 pub use manifest::Manifest;
 pub use mapping::{COLUMN_KEYS, Mapping};
 pub use new_folder::make_folder;
+#[cfg(feature = "files")]
+pub use over_time::followed;
+pub use over_time::{Cycled, Followed, cycled};
 use palpate_core::quantity::round;
 pub use places::SAME_PLACE_MM;
 pub use press::{COLUMNS, OUTPUTS, Press, PressColumn, is_press_column, output_name};
 pub use press::{Presence, RunColumns};
 pub use presses::Presses;
 pub use record::{
-    Left, MonitorValue, NoLoad, Peaks, PressTruth, Record, RecordedContact, RecordedSurface, Retouch, SurfaceFinder,
+    FollowedTime, Left, MonitorValue, NoLoad, Peaks, PressTruth, Record, RecordedContact, RecordedSurface, Retouch,
+    SurfaceFinder,
 };
 pub use recorded::{Recorded, Texts, journal_sha256, source_fingerprint};
 pub use series::{

@@ -131,6 +131,9 @@ pub struct RecordedContact {
     /// Values of the rig's monitors at the contact, in the order of the rig.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub monitors: Vec<MonitorValue>,
+    /// Times in which all devices were read after the last level.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub followed: Vec<FollowedTime>,
     /// File of readings with those of this contact; `None` if none are kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub series: Option<SeriesMark>,
@@ -152,6 +155,18 @@ pub struct MonitorValue {
     pub value: f64,
     /// Time of the reading, s since the run's start. Several contacts may have one reading.
     pub t_s: f64,
+}
+
+/// Time in which all devices were read, at rest or in a motion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FollowedTime {
+    /// Begin, s since the run's start.
+    pub from_s: f64,
+    /// End, s since the run's start.
+    pub to_s: f64,
+    /// Speed of the motion, mm/s, positive into the specimen; `None` at rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed_mm_s: Option<f64>,
 }
 
 /// State at the end of a contact.

@@ -8,7 +8,9 @@ use super::fingerprint::Fingerprint;
 use super::session::shown_label;
 use miette::Diagnostic;
 use palpate_solver::vector::{VECTOR_METHOD, VectorModel};
-use palpate_solver::{Broken, ForceKnown, Model, ModelError, REMOVED, Setting, Solver as _, Validity};
+use palpate_solver::{
+    Broken, ForceKnown, HISTORY_METHOD, HistoryRegression, Model, ModelError, REMOVED, Setting, Solver as _, Validity,
+};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io::{self, Read};
@@ -68,6 +70,8 @@ pub enum SensorModel {
     Contact(Box<Model>),
     /// Solves the place and a force vector.
     Vector(Box<VectorModel>),
+    /// Solves a force from a series of readings.
+    History(Box<HistoryRegression>),
 }
 
 /// An output that is excluded.
@@ -116,12 +120,18 @@ pub enum SensorFileError {
         /// Version of the file.
         found: String,
     },
-    /// The file solves force vectors, which the command doesn't know.
-    #[error("{} solves force vectors; only `solve`, `serve` and the Python package use such a sensor file", path.display())]
-    #[diagnostic(help("for this command, fit the presses without --vector"))]
-    ForceVector {
+    /// The file solves what the command doesn't know.
+    #[error("{} solves {solved}; only {users} use such a sensor file", path.display())]
+    #[diagnostic(help("for this command, fit {source_needed}"))]
+    OtherModel {
         /// The file.
         path: PathBuf,
+        /// What it solves.
+        solved: &'static str,
+        /// Commands that use it.
+        users: &'static str,
+        /// Presses for the command, and how they are fitted.
+        source_needed: &'static str,
     },
     /// The method of the file was removed from the program.
     #[error("{} has the method `{method}`, which was removed", path.display())]
@@ -159,6 +169,7 @@ impl SensorModel {
         match self {
             SensorModel::Contact(model) => model.validity(),
             SensorModel::Vector(model) => model.validity(),
+            SensorModel::History(model) => model.validity(),
         }
     }
 
@@ -167,6 +178,7 @@ impl SensorModel {
         match self {
             SensorModel::Contact(model) => model.fitted().name(),
             SensorModel::Vector(_) => VECTOR_METHOD,
+            SensorModel::History(_) => HISTORY_METHOD,
         }
     }
 
@@ -178,6 +190,7 @@ impl SensorModel {
         match self {
             SensorModel::Contact(model) => model.to_bytes(),
             SensorModel::Vector(model) => model.to_bytes(),
+            SensorModel::History(model) => model.to_bytes(),
         }
     }
 
@@ -192,6 +205,7 @@ impl SensorModel {
     fn from_bytes(method: &str, bytes: &[u8]) -> Result<Self, ModelError> {
         Ok(match method {
             VECTOR_METHOD => SensorModel::Vector(Box::new(VectorModel::from_bytes(bytes)?)),
+            HISTORY_METHOD => SensorModel::History(Box::new(HistoryRegression::from_bytes(bytes)?)),
             _ => SensorModel::Contact(Box::new(Model::from_bytes(bytes)?)),
         })
     }
@@ -238,7 +252,7 @@ impl SensorFile {
         if bytes.len() > most_bytes {
             model = match model {
                 SensorModel::Contact(model) => model.without_calibration().into(),
-                SensorModel::Vector(_) => model,
+                SensorModel::Vector(_) | SensorModel::History(_) => model,
             };
             bytes = model.to_bytes()?;
         }
@@ -264,6 +278,7 @@ impl SensorFile {
             sha256,
         };
         let card = match &model {
+            SensorModel::History(_) => card,
             SensorModel::Vector(model) => Card { false_alarms: model.map().false_alarms(), ..card },
             SensorModel::Contact(model) => Card {
                 method_at_calibrated_load: model.fitted().at_calibrated_load().map(str::to_owned),
@@ -312,14 +327,25 @@ pub fn is_sensor_file(path: &Path) -> bool {
     path.is_file() && read().is_ok() && start == *KIND.as_bytes()
 }
 
-/// Reads a sensor file that doesn't solve force vectors: its card and its model.
+/// Reads a sensor file that solves the place, and a force or a depth: its card and its model.
 ///
 /// # Errors
-/// As [`read_any_sensor_file`], or the file solves force vectors.
+/// As [`read_any_sensor_file`], or the file solves something else.
 pub fn read_sensor_file(path: &Path) -> Result<(Card, Model), SensorFileError> {
     match read_any_sensor_file(path)? {
         (card, SensorModel::Contact(model)) => Ok((card, *model)),
-        (_, SensorModel::Vector(_)) => Err(SensorFileError::ForceVector { path: path.to_owned() }),
+        (_, SensorModel::Vector(_)) => Err(SensorFileError::OtherModel {
+            path: path.to_owned(),
+            solved: "force vectors",
+            users: "`solve`, `serve` and the Python package",
+            source_needed: "the presses without --vector",
+        }),
+        (_, SensorModel::History(_)) => Err(SensorFileError::OtherModel {
+            path: path.to_owned(),
+            solved: "a series of readings",
+            users: "`solve` and `serve`",
+            source_needed: "a run or a table of presses at known places, without --history",
+        }),
     }
 }
 

@@ -22,10 +22,14 @@ const DIRECTION: Bounds = Bounds::within(-360.0, 360.0, "degrees");
 const SPACING: Bounds = Bounds::above(0.0, 1000.0, "mm");
 
 /// Possible phases of a step.
-pub(super) const PHASES: [(&str, Phase); 3] = [
+pub(super) const PHASES: [(&str, Phase); 7] = [
     (Phase::Characterisation.name(), Phase::Characterisation),
     (Phase::Calibration.name(), Phase::Calibration),
     (Phase::Test.name(), Phase::Test),
+    (Phase::Creep.name(), Phase::Creep),
+    (Phase::Ramp.name(), Phase::Ramp),
+    (Phase::Rest.name(), Phase::Rest),
+    (Phase::Cycles.name(), Phase::Cycles),
 ];
 pub(super) const ORDERS: [(&str, GridOrder); 2] =
     [(GridOrder::Raster.name(), GridOrder::Raster), (GridOrder::Interleaved.name(), GridOrder::Interleaved)];
@@ -83,6 +87,8 @@ keys! {
         strategy: Word(&words(&STRATEGIES)), or_word(Manner::PAPER.strategy.name()), "strategy that reaches the force", "\"map\"";
         sample_after_s: Number(DWELL), Allowed,
             "time from contact to the start of the window; without it, the window starts when the force is within the tolerance", "2.0";
+        follow_s: Number(DWELL), Allowed,
+            "time after the last window for which all devices are read at rest, in the phases creep and rest; needs `record.series`", "600.0";
     }
 }
 
@@ -112,10 +118,14 @@ keys! {
         depth_mm: Numbers(DEPTH), Allowed,
             "depth of every press below the surface that it touches, or several depths for each place", "[0.2, 0.4, 0.6]";
         staircase: Table(&staircase::KEYS), Allowed, "load to a force and unload, in equal steps";
+        ramps_mm_s: Numbers(SLIDE_SPEED), Allowed,
+            "in the phase ramp, speeds at which the tip leaves the specimen and comes back to where it was held; all devices are read meanwhile",
+            "[0.1, 1.0]";
+        cycles: Table(&cycles::KEYS), Allowed, "press with `force_n` many times at each place, in the phase cycles";
         drag: Table(&drag::KEYS), Allowed,
             "after the window, drag the tip sideways in contact, one press for each direction; the rig must allow it in `limits.drag`";
     }
-    as press { force_tolerance_n, depth_tolerance_mm, hold_s, sample_s, strategy, sample_after_s }
+    as press { force_tolerance_n, depth_tolerance_mm, hold_s, sample_s, strategy, sample_after_s, follow_s }
     one of {
         grid: Table(&grid::KEYS), Allowed, "places on a regular grid, both ends included";
         cells: Table(&cells::KEYS), Allowed, "places at the centres of equal cells";
@@ -134,6 +144,16 @@ keys! {
         directions_deg: Numbers(DIRECTION), Refused, "directions, from x towards y: one press for each", "[0, 90, 180, 270]";
         speed_mm_s: Number(SLIDE_SPEED), or(0.5), "speed of the drag", "0.5";
         slip: Word(&words(&SLIPS)), or_word("record"), "what a slip does: it is recorded, or it ends the run", "\"trip\"";
+    }
+}
+
+keys! {
+    /// `cycles` of a step.
+    cycles {
+        presses: Whole(1, PRESSES_CEILING as u64), Refused, "number of presses at each place", "10000";
+        reference_every: Whole(1, PRESSES_CEILING as u64), or_whole(100),
+            "presses after which the reference place is pressed; it is also pressed before the first and after the last", "100";
+        reference_mm: Places(PLACE), Refused, "the reference place, which wears little: it shows the drift of the rig", "[[5.0, 5.0]]";
     }
 }
 

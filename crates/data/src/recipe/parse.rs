@@ -1,7 +1,7 @@
 //! Parsing of a recipe's text into a [`Recipe`].
 
 use super::accept::{Accept, read_rule};
-use super::keys::{self, cells, drag, evaluate, grid, list, press, random, record, root, staircase, step};
+use super::keys::{self, cells, cycles, drag, evaluate, grid, list, press, random, record, root, staircase, step};
 use super::{Checks, KEYS, Manner, PRESSES_MAX, Phase, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice};
 use palpate_control::Drag;
 use palpate_core::quantity::round;
@@ -122,6 +122,7 @@ fn read_manner(table: &Table, base: Manner) -> Option<Manner> {
     let sample_s = table.number_or(&press::sample_s, base.sample_s);
     let strategy = table.word_or(&press::strategy, &keys::STRATEGIES, base.strategy);
     let sample_after_s = table.number(&press::sample_after_s).or(base.sample_after_s);
+    let follow_s = table.number(&press::follow_s).unwrap_or(base.follow_s);
     Some(Manner {
         force_tolerance_n: force_tolerance_n?,
         depth_tolerance_mm: depth_tolerance_mm?,
@@ -129,6 +130,7 @@ fn read_manner(table: &Table, base: Manner) -> Option<Manner> {
         sample_s: sample_s?,
         strategy: strategy?,
         sample_after_s,
+        follow_s,
     })
 }
 
@@ -162,7 +164,10 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
     let staircase = read_staircase(table);
     let own = [&step::force_n, &step::depth_mm, &step::staircase].map(|key| table.has(key));
     let loads = own.into_iter().chain(inner).filter(|is_there| *is_there).count();
-    if loads != 1 {
+    if phase == Some(Phase::Rest) && loads > 0 {
+        let text = "a rest has no force and no depth: it is read without load";
+        table.complain(Problem::new(table.span(), text).help("remove it, or use the phase \"creep\""));
+    } else if loads != 1 && phase != Some(Phase::Rest) {
         let found = if loads == 0 { "no force and no depth" } else { "more than one force or depth" };
         let help =
             "a step has one of `force_n`, `depth_mm`, `staircase`, or a range `force_n` or `depth_mm` inside `random`";
@@ -171,7 +176,11 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
     let load_keys = [step::force_n, step::depth_mm, step::staircase, step::random];
     let load_key = load_keys.into_iter().find(|key| table.has(key));
     let load_span = table.span_of(&load_key.unwrap_or(step::phase));
-    let load = random_load.or(force).or(depths.map(StepLoad::Depths)).or(staircase);
+    let load = match phase {
+        Some(Phase::Rest) => Some(StepLoad::Rest),
+        Some(Phase::Cycles) => read_cycles(table, force),
+        _ => random_load.or(force).or(depths.map(StepLoad::Depths)).or(staircase),
+    };
     let places_span = places_key.map_or(table.span(), |key| table.span_of(&key));
     let manner = manner?;
     if let Some((what, unit, key, tolerance, least)) = load.as_ref().map(|load| load.least(&manner))
@@ -187,9 +196,64 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
         let help = "use `staircase` or `force_n`, or the phase \"calibration\"";
         table.complain(Problem::new(load_span.clone(), text).help(help));
     }
+    check_follows(table, phase, &manner);
+    let ramps_mm_s = table.has(&step::ramps_mm_s).then(|| table.number_or_list(&step::ramps_mm_s)).flatten();
+    let ramps_mm_s = ramps_mm_s.unwrap_or_default();
+    if (phase == Some(Phase::Ramp)) == ramps_mm_s.is_empty() {
+        let text = "the phase \"ramp\" and `ramps_mm_s` need each other";
+        let help = "write phase = \"ramp\" and ramps_mm_s = [0.1, 1.0]";
+        table.complain(Problem::new(table.span(), text).help(help));
+    }
     let drags = read_drags(table, load.as_ref(), phase);
     let (phase, places, load, drag_span) = (phase?, places?, load?, table.span_of(&step::drag));
-    Some(Step { phase, places, load, drags: drags?, manner, places_span, load_span, drag_span })
+    Some(Step { phase, places, load, drags: drags?, ramps_mm_s, manner, places_span, load_span, drag_span })
+}
+
+/// Checks that a step is followed over time if its phase says so, and only then.
+fn check_follows(table: &Table, phase: Option<Phase>, manner: &Manner) {
+    let Some(phase) = phase else { return };
+    let is_followed = matches!(phase, Phase::Creep | Phase::Rest);
+    let complain = |text: String, help: &str| table.complain(Problem::new(table.span(), text).help(help));
+    match manner.follow_s > 0.0 {
+        false if is_followed => {
+            complain(
+                format!("the phase {:?} needs `follow_s`", phase.name()),
+                "write for how long, such as follow_s = 600.0",
+            );
+        }
+        true if !is_followed => {
+            complain(
+                format!("`follow_s` isn't used in the phase {:?}", phase.name()),
+                "write the phase \"creep\" or \"rest\"",
+            );
+        }
+        _ => {}
+    }
+    if table.has(&step::cycles) && phase != Phase::Cycles {
+        complain(format!("`cycles` isn't used in the phase {:?}", phase.name()), "write phase = \"cycles\"");
+    }
+}
+
+/// Reads many presses at one place.
+fn read_cycles(step_table: &Table, force: Option<StepLoad>) -> Option<StepLoad> {
+    if !step_table.has(&step::cycles) {
+        let help = "add cycles = { presses = 10000, reference_mm = [[5.0, 5.0]] }";
+        step_table.complain(Problem::new(step_table.span(), "the phase \"cycles\" needs `cycles`").help(help));
+        return None;
+    }
+    let table = step_table.table(&step::cycles)?;
+    let (presses, every) = (table.whole(&cycles::presses), table.whole(&cycles::reference_every));
+    let references = table.places(&cycles::reference_mm)?;
+    let Some(StepLoad::Force(force_n)) = force else {
+        step_table.complain(Problem::new(table.span(), "`cycles` needs one force").help("add force_n = 1.0"));
+        return None;
+    };
+    let [(reference, _)] = references[..] else {
+        let text = format!("`reference_mm` has {} places, expected one", references.len());
+        table.complain(Problem::new(table.span_of(&cycles::reference_mm), text).help("write [[x, y]]"));
+        return None;
+    };
+    Some(StepLoad::Cycles { force_n, presses: presses?, reference_every: every?, reference })
 }
 
 /// Reads the drags of a step, one for each direction; none if it has no `drag`.
@@ -352,7 +416,8 @@ impl StepLoad {
         let force = |least_n: f64| ("force", "N", press::force_tolerance_n.name, manner.force_tolerance_n, least_n);
         let depth = |least_mm| ("depth", "mm", press::depth_tolerance_mm.name, manner.depth_tolerance_mm, least_mm);
         match self {
-            StepLoad::Force(force_n) => force(*force_n),
+            StepLoad::Force(force_n) | StepLoad::Cycles { force_n, .. } => force(*force_n),
+            StepLoad::Rest => force(f64::INFINITY),
             StepLoad::RandomForce(range) => force(range.min),
             StepLoad::Staircase { step_n, .. } => force(*step_n),
             StepLoad::Depths(depths_mm) => depth(depths_mm.iter().copied().fold(f64::INFINITY, f64::min)),
@@ -365,6 +430,9 @@ impl StepLoad {
         match self {
             StepLoad::Staircase { repeats, .. } => *repeats as usize,
             StepLoad::Depths(depths_mm) => depths_mm.len(),
+            StepLoad::Cycles { presses, reference_every, .. } => {
+                presses.saturating_add(1).saturating_add(presses.div_ceil(*reference_every)) as usize
+            }
             _ => 1,
         }
     }
@@ -372,10 +440,10 @@ impl StepLoad {
     /// Largest force of the load, N; 0 for depths.
     pub fn most_n(&self) -> f64 {
         match self {
-            StepLoad::Force(force_n) => *force_n,
+            StepLoad::Force(force_n) | StepLoad::Cycles { force_n, .. } => *force_n,
             StepLoad::RandomForce(range) => range.max,
             StepLoad::Staircase { to_n, .. } => *to_n,
-            StepLoad::Depths(_) | StepLoad::RandomDepth(_) => 0.0,
+            StepLoad::Depths(_) | StepLoad::RandomDepth(_) | StepLoad::Rest => 0.0,
         }
     }
 

@@ -68,9 +68,11 @@ impl Plan {
             }
         }
         problems.extend(recipe.unkept_series(ground));
+        problems.extend(recipe.unkept_follows());
         for (index, step) in recipe.steps.iter().enumerate() {
             check_force(step, ground, &mut problems);
             check_depth(step, ground, &mut problems);
+            check_ramps(step, ground, &mut problems);
             check_drags(step, ground, &mut problems);
             check_strategy(step, ground, &mut problems);
             // counted before any is made
@@ -81,6 +83,7 @@ impl Plan {
             let places = step.places(ground.layout, seed, index, &mut problems);
             check_travel(&places, ground, &mut problems);
             check_travel(&step.drag_ends(&places), ground, &mut problems);
+            check_travel(&step.reference(), ground, &mut problems);
             let mut entries = step.entries(&places, seed, index);
             entries.iter_mut().zip(presses as u64..).for_each(|(entry, press)| entry.press = press);
             presses += entries.len();
@@ -129,6 +132,16 @@ impl Recipe {
         let places = [root::press, root::step].map(|table| positions(&self.text, &[table.name, press::strategy.name]));
         let text = "a rig without a load cell has no strategy: no force is followed";
         places.into_iter().flatten().map(move |place| Problem::new(place, text).help("remove `strategy`"))
+    }
+
+    /// Returns a problem for each step that is followed over time, if no readings are kept.
+    fn unkept_follows(&self) -> impl Iterator<Item = Problem> {
+        let is_followed = |step: &&Step| step.manner.follow_s > 0.0 || !step.ramps_mm_s.is_empty();
+        let follows = self.steps.iter().filter(move |step| is_followed(step) && self.series == SeriesScope::None);
+        follows.map(|step| {
+            let text = "this step follows a level over time, but no readings are kept";
+            Problem::new(step.load_span.clone(), text).help("add [record] with series = \"window\"")
+        })
     }
 
     /// Returns a problem if readings can't be kept: they are a file of Arrow, and relative to a reading of the load cell without load.
@@ -238,6 +251,14 @@ impl Step {
         }
     }
 
+    /// Returns the reference place of the step, if it has one.
+    fn reference(&self) -> Vec<(Place, Span)> {
+        match &self.load {
+            StepLoad::Cycles { reference, .. } => vec![(*reference, self.load_span.clone())],
+            _ => Vec::new(),
+        }
+    }
+
     /// Adds an entry once for each drag; once if there is none.
     fn dragged(entry: Entry, drags: &[Arc<Drag>], entries: &mut Vec<Entry>) {
         let with = |drag: &Arc<Drag>| {
@@ -257,10 +278,12 @@ impl Step {
         let mut entries = Vec::with_capacity(places.len() * self.load.repeats() * drags.len().max(1));
         // one for all: a staircase may have thousands
         let same = match &self.load {
-            StepLoad::Force(force_n) => PressTask::press(*force_n),
+            StepLoad::Force(force_n) | StepLoad::Cycles { force_n, .. } => PressTask::press(*force_n),
+            StepLoad::Rest => PressTask::press(0.0),
             StepLoad::RandomForce(_) | StepLoad::Depths(_) | StepLoad::RandomDepth(_) => Arc::default(),
             StepLoad::Staircase { to_n, step_n, .. } => PressTask::staircase(*to_n, *step_n),
         };
+        let ramps_mm_s: Arc<[f64]> = self.ramps_mm_s.clone().into();
         for (place, _) in places {
             let entry = |levels: Arc<[PressLevel]>, rest_after_s| Entry {
                 press: 0,
@@ -275,11 +298,25 @@ impl Step {
                     // a depth is found by steps below the touch
                     strategy: if self.load.most_mm() > 0.0 { Strategy::Guarded } else { self.manner.strategy },
                     sample_after_s: self.manner.sample_after_s,
+                    follow_s: self.manner.follow_s,
+                    ramps_mm_s: ramps_mm_s.clone(),
                     drag: None,
                 },
                 rest_after_s,
             };
             match &self.load {
+                StepLoad::Rest => entries.push(entry(same.clone(), 0.0)),
+                StepLoad::Cycles { presses, reference_every, reference, .. } => {
+                    let cycle = entry(same.clone(), 0.0);
+                    let at_reference = Entry { place: *reference, ..cycle.clone() };
+                    entries.push(at_reference.clone());
+                    for made in 1..=*presses {
+                        entries.push(cycle.clone());
+                        if made % reference_every == 0 || made == *presses {
+                            entries.push(at_reference.clone());
+                        }
+                    }
+                }
                 StepLoad::Force(_) => Step::dragged(entry(same.clone(), 0.0), &drags, &mut entries),
                 StepLoad::RandomForce(range) => {
                     let force_n = to_grain(rng.random_range(range.min..=range.max), 1e-3, range);
@@ -357,6 +394,20 @@ fn check_depth(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
         );
         let help = "press less deep, or raise `limits.depth_mm` in the rig if the specimen can take it";
         problems.push(Problem::new(step.load_span.clone(), text).help(help));
+    }
+}
+
+/// Checks ramps as the permit does: their way back begins above the surface, with no force.
+fn check_ramps(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
+    let (most_mm, limits) = (step.load.most_mm(), ground.limits);
+    let most_n = most_mm * limits.stiffness_n_mm;
+    if !step.ramps_mm_s.is_empty() && most_n > limits.force_n {
+        let text = format!(
+            "a ramp to {most_mm} mm may press with {} N at `limits.stiffness_n_mm`, over the limit of {} N",
+            round(most_n, 3),
+            limits.force_n
+        );
+        problems.push(Problem::new(step.load_span.clone(), text).help("press less deep"));
     }
 }
 

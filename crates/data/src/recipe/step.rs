@@ -15,6 +15,14 @@ pub enum Phase {
     Calibration,
     /// Points whose place and force the solver must find.
     Test,
+    /// Presses whose last level is followed over time.
+    Creep,
+    /// Presses with ramps at constant speeds.
+    Ramp,
+    /// Times without load, followed in the same way.
+    Rest,
+    /// Many presses at one place, with presses at a reference place in between.
+    Cycles,
     /// Presses from which the force loop learns before others rely on it. A plan begins with these presses if it has any. No
     /// recipe requests them, and only the table of presses contains them.
     Teach,
@@ -24,7 +32,16 @@ pub enum Phase {
 
 impl Phase {
     /// All phases of a plan.
-    pub const ALL: [Phase; 4] = [Phase::Characterisation, Phase::Calibration, Phase::Test, Phase::Teach];
+    pub const ALL: [Phase; 8] = [
+        Phase::Characterisation,
+        Phase::Calibration,
+        Phase::Test,
+        Phase::Creep,
+        Phase::Ramp,
+        Phase::Rest,
+        Phase::Cycles,
+        Phase::Teach,
+    ];
 
     /// Name of the phase in files.
     pub const fn name(self) -> &'static str {
@@ -32,6 +49,10 @@ impl Phase {
             Phase::Characterisation => "characterisation",
             Phase::Calibration => "calibration",
             Phase::Test => "test",
+            Phase::Creep => "creep",
+            Phase::Ramp => "ramp",
+            Phase::Rest => "rest",
+            Phase::Cycles => "cycles",
             Phase::Teach => "teach",
             Phase::Check => "check",
         }
@@ -95,6 +116,8 @@ pub struct Step {
     pub load: StepLoad,
     /// Drags after the window, one press for each; none if it is empty.
     pub drags: Vec<Drag>,
+    /// Speeds of the ramps after the last level, mm/s; none if it is empty.
+    pub ramps_mm_s: Vec<f64>,
     /// Manner of each press.
     pub manner: Manner,
     /// Position of the step's places in the text.
@@ -108,7 +131,17 @@ pub struct Step {
 impl Step {
     /// Creates a step that isn't in a file.
     pub fn new(phase: Phase, places: Places, load: StepLoad, manner: Manner) -> Step {
-        Step { phase, places, load, drags: Vec::new(), manner, places_span: 0..0, load_span: 0..0, drag_span: 0..0 }
+        Step {
+            phase,
+            places,
+            load,
+            drags: Vec::new(),
+            ramps_mm_s: Vec::new(),
+            manner,
+            places_span: 0..0,
+            load_span: 0..0,
+            drag_span: 0..0,
+        }
     }
 }
 
@@ -217,6 +250,19 @@ pub enum StepLoad {
         /// Rest between two repetitions at a place, s.
         rest_s: f64,
     },
+    /// None: all devices are read without load.
+    Rest,
+    /// The same force many times at each place, N.
+    Cycles {
+        /// The force, N.
+        force_n: f64,
+        /// Number of presses at each place.
+        presses: u64,
+        /// Number of presses after which the reference place is pressed. It is also pressed before the first.
+        reference_every: u64,
+        /// The reference place.
+        reference: Place,
+    },
 }
 
 /// Manner of each press of a step.
@@ -234,6 +280,8 @@ pub struct Manner {
     pub strategy: Strategy,
     /// Time at which the window begins, s from contact; `None`: as soon as the strategy can rely on the force.
     pub sample_after_s: Option<f64>,
+    /// Time for which the last level is followed after its window, s.
+    pub follow_s: f64,
 }
 
 impl Manner {
@@ -245,6 +293,7 @@ impl Manner {
         sample_s: 0.1,
         strategy: Strategy::Guarded,
         sample_after_s: None,
+        follow_s: 0.0,
     };
 }
 

@@ -3,6 +3,7 @@
 use super::Phase;
 use palpate_control::{Branch, PressTask, Strategy};
 use palpate_core::quantity::{Limits, Place};
+use std::sync::Arc;
 
 /// One contact of the plan.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,6 +48,8 @@ pub(super) fn training(steps: &mut Vec<Vec<Entry>>, next: usize, limits: &Limits
             hold_s: 0.0,
             strategy: Strategy::Guarded,
             sample_after_s: None,
+            follow_s: 0.0,
+            ramps_mm_s: Arc::default(),
             drag: None,
             ..entry.task
         },

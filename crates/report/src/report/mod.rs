@@ -17,6 +17,10 @@ mod headline;
 mod judged;
 mod monitors;
 mod numbers;
+#[cfg(feature = "files")]
+mod over_time;
+#[cfg(feature = "files")]
+mod ramps;
 mod record;
 mod side_by_side;
 mod subject;
@@ -38,6 +42,10 @@ use maud::html;
 
 /// Creates a page about one sensor. Nothing in it depends on the time or the machine, so the same runs give the same bytes.
 pub fn page(subject: &Subject, judged: &SensorResults) -> Page {
+    #[cfg(feature = "files")]
+    let over_time = over_time::sections(subject);
+    #[cfg(not(feature = "files"))]
+    let over_time = Vec::new();
     let sections = [
         Some(verdict::section(subject, judged).into()),
         headline::section(subject, judged),
@@ -48,6 +56,8 @@ pub fn page(subject: &Subject, judged: &SensorResults) -> Page {
         figures::distributions(judged),
         figures::dependences(subject, judged),
         figures::expected(subject, judged),
+    ];
+    let about_the_run = [
         record::section(subject),
         monitors::section(subject),
         uncertainty::section(subject).map(Section::from),
@@ -58,5 +68,9 @@ pub fn page(subject: &Subject, judged: &SensorResults) -> Page {
         h1 { (title) }
         p.lede { (subject.text()) }
     };
-    Page::of(&title, &header, sections.into_iter().flatten())
+    Page::of(
+        &title,
+        &header,
+        sections.into_iter().flatten().chain(over_time).chain(about_the_run.into_iter().flatten()),
+    )
 }

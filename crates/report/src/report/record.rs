@@ -18,10 +18,13 @@ struct Controlled {
 }
 
 /// Phases, with the look of each and the name of the item.
-const PHASES: [(Phase, Hue, Shape); 3] = [
+const PHASES: [(Phase, Hue, Shape); 6] = [
     (Phase::Characterisation, Hue::Green, Shape::Triangle),
     (Phase::Calibration, Hue::Blue, Shape::Circle),
     (Phase::Test, Hue::Orange, Shape::Square),
+    (Phase::Creep, Hue::Green, Shape::Square),
+    (Phase::Ramp, Hue::Orange, Shape::Triangle),
+    (Phase::Cycles, Hue::Blue, Shape::Triangle),
 ];
 
 /// Largest number of points that are drawn for a phase. If there are more, every nth point is drawn.

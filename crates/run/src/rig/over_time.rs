@@ -31,7 +31,8 @@ pub(super) fn read_creep(scene: &Table) -> Option<(Vec<RelaxationBranch>, Option
 /// Reads the wear by contacts.
 pub(super) fn read_wear(table: &Table) -> Option<Wear> {
     let [gain_per_press, zero_per_press] = table.numbers([wear::gain_per_press, wear::zero_per_press])?;
-    Some(Wear { gain_per_press, zero_per_press })
+    let radius_mm = table.number(&wear::radius_mm).unwrap_or(f64::INFINITY);
+    Some(Wear { gain_per_press, zero_per_press, radius_mm })
 }
 
 /// Reads the temperature over time, and its effects.
@@ -78,7 +79,7 @@ mod tests {
         let scene = with(&format!("taxel_lag_s = 0.05\n{creep}\nwear = {{ gain_per_press = -1e-5 }}\n{warm}")).unwrap();
         let branches = [0.1, -0.3].map(|share| RelaxationBranch { share, time_s: 1.0 });
         assert_eq!((scene.taxel_creep, scene.taxel_lag_s), (branches.to_vec(), Some(0.05)));
-        assert_eq!(scene.wear, Some(Wear { gain_per_press: -1e-5, zero_per_press: 0.0 }));
+        assert_eq!(scene.wear, Some(Wear { gain_per_press: -1e-5, zero_per_press: 0.0, radius_mm: f64::INFINITY }));
         let Some(Temperature { mean_c, wave, reference_c, taxel_gain_per_c, .. }) = scene.temperature else { panic!() };
         assert_eq!(wave, Some(Sine { amplitude: 2.0, period_s: 3600.0 }));
         assert_eq!([mean_c, reference_c, taxel_gain_per_c], [23.0, 23.0, -0.002]);

@@ -145,6 +145,7 @@ keys! {
     wear {
         gain_per_press: Number(within(-1.0, 1.0, "")), or(0.0), "change of the gain by each contact, as a share of the first gain", "-1e-5";
         zero_per_press: Number(within(-1.0, 1.0, "")), or(0.0), "change of the output without a load by each contact", "2e-6";
+        radius_mm: Number(Bounds::above(0.0, 1000.0, "mm")), Allowed, "distance over which a contact wears the gain; without it, the whole skin", "2.0";
     }
 }
 

@@ -10,6 +10,7 @@ use palpate_control::{Changed, MeasuredContact, PressTask, SetPoint, Strategy};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{CheckChange, Left, Record, RecordedCheck, RecordedContact};
 use palpate_data::recipe::{Checks, Entry, Phase, Plan};
+use std::sync::Arc;
 
 /// Number of the first check, for random values. It is far above the numbers of planned contacts.
 const CHECKED: u64 = 1 << 61;
@@ -90,7 +91,14 @@ fn is_checked_between(phase: Phase) -> bool {
 
 /// Returns the check of this number that repeats an entry of the plan with a force or a depth.
 fn again(entry: &Entry, number: u64, set: SetPoint) -> Entry {
-    let task = PressTask { levels: PressTask::one(set), strategy: Strategy::Guarded, drag: None, ..entry.task.clone() };
+    let task = PressTask {
+        levels: PressTask::one(set),
+        strategy: Strategy::Guarded,
+        follow_s: 0.0,
+        ramps_mm_s: Arc::default(),
+        drag: None,
+        ..entry.task.clone()
+    };
     Entry { press: CHECKED + number, phase: Phase::Check, place: entry.place, task, rest_after_s: 0.0 }
 }
 

@@ -26,6 +26,9 @@ const LEVEL_S: f64 = 0.4;
 const LOOK_S: f64 = 0.1;
 const REACTION_S: f64 = 0.05;
 
+/// Assumed way of a ramp by force, mm.
+const RAMP_MM: f64 = 1.0;
+
 /// Motions of a press on a stage that finishes each motion, and conversions of the load cell that it waits for between them: counted on
 /// printers with 10 and 80 conversions per second, and an arm.
 const MOTIONS: f64 = 8.0;
@@ -71,6 +74,8 @@ pub fn estimated_s(entries: &[Entry], spec: &RigSpec) -> f64 {
             + finishing_s(spec)
             + LEVEL_S * (levels - 1.0)
             + levels * (entry.task.hold_s + entry.task.sample_s)
+            + entry.task.follow_s
+            + entry.task.ramps_mm_s.iter().map(|speed_mm_s| 2.0 * RAMP_MM / speed_mm_s).sum::<f64>()
             + dragged_s
             + entry.rest_after_s;
         place = entry.place;

@@ -54,6 +54,24 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let from_mm = self.stage_z_mm(self.z_mm);
         let steer = |force_n, now_s| press.as_mut().map_or(Steer::On, |press| press.see(force_n, now_s));
         let driven = self.drive(&[(Axis::Z, target_mm)], granted.speed_mm_s(), target_mm - from_mm, steer).await?;
+        self.moved_z(driven, from_mm, target_mm).await
+    }
+
+    /// Does the same while the outputs are read too, and keeps the readings.
+    pub(super) async fn ramp_z(&mut self, granted: Permitted, press: &mut ForceLoop) -> Result<(), Halt> {
+        let (target_mm, from_mm) = (self.stage_z_mm(granted.z_mm()), self.stage_z_mm(self.z_mm));
+        self.reads_outputs = true;
+        self.series.iter().for_each(|series| series.window(true));
+        let steer = |force_n, now_s| press.see(force_n, now_s);
+        let driven = self.drive(&[(Axis::Z, target_mm)], granted.speed_mm_s(), target_mm - from_mm, steer).await;
+        self.reads_outputs = false;
+        let moved = self.moved_z(driven?, from_mm, target_mm).await;
+        self.series.iter().for_each(|series| series.window(false));
+        moved
+    }
+
+    /// Checks where a motion of z ended.
+    async fn moved_z(&mut self, driven: Driven, from_mm: f64, target_mm: f64) -> Result<(), Halt> {
         if driven.stopped {
             // it comes to rest after its controller reports the end
             self.cell.settle().await?;
@@ -141,7 +159,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             due.set(None); // the array is still awaited
             moved
         };
-        let motion = with_outputs(motion, &clear, &mut self.array, &mut self.no_load_outputs);
+        let on_the_way = |readings| readings < OUTPUTS_ON_THE_WAY;
+        let motion = with_outputs(motion, &clear, on_the_way, &mut self.array, &mut self.no_load_outputs);
         let steer = |watched_cell: &mut WatchedLoadCell<'_, C>, now_n: f64| {
             // two readings make a force: a single outlier starts no sideways motion
             let mean_n = watched_cell.watch.mean_n().unwrap_or(now_n);
@@ -248,7 +267,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             due.set(due.get().map(|_| begun.get() + due_after.mul_f64(orders.slowness())));
             steer(force_n, watched_cell.now_s())
         };
-        let places_mm = watched(&mut self.cell, motion, &orders, &due, steered).await?;
+        let places_mm = if self.reads_outputs {
+            let (clear, mut means) = (Cell::new(true), OutputMeans::default());
+            let motion = with_outputs(motion, &clear, |_| true, &mut self.array, &mut means);
+            watched(&mut self.cell, pin!(motion), &orders, &due, steered).await?
+        } else {
+            watched(&mut self.cell, motion, &orders, &due, steered).await?
+        };
         let stopped = orders.stopped();
         // a complete motion ended with its profile, however late the report came; a printer begins later than it accepts
         let ended = ends
@@ -381,16 +406,17 @@ pub(super) async fn watched<C: LoadCell, T>(
     moved
 }
 
-/// Runs a motion to its end. Averages the outputs during the motion, once z is clear of the specimen.
+/// Runs a motion to its end. Averages the outputs during the motion, once z is clear of the specimen, and as long as `goes_on` for their
+/// number.
 async fn with_outputs<A: SensorArray, T>(
     motion: impl Future<Output = Result<T, Halt>>,
     clear: &Cell<bool>,
+    goes_on: impl Fn(u32) -> bool,
     array: &mut A,
     means: &mut OutputMeans,
 ) -> Result<T, Halt> {
     let over = Notify::new();
     let motion = then_notify(motion, &over);
-    let goes_on = |readings| readings < OUTPUTS_ON_THE_WAY;
     let outputs = means.take_while(array, &over, || clear.get(), goes_on, |_, _| Ok(()));
     let (moved, read) = tokio::join!(motion, outputs);
     let moved = moved?;

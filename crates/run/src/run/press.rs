@@ -8,8 +8,8 @@ use palpate_control::{
     Averaged, Context, ForceLoop, LearnedContact, LoopCommand, LoopEvent, MeasuredContact, Moment, NoLoadReadings,
     Permit, PressTask, SetPoint, Softest, Strategy, TOUCH_SIGMA_MM, UncertaintyBudget, Zero,
 };
-use palpate_core::quantity::Place;
-use palpate_data::dataset::{self, Flag, Left, NoLoad, PressTruth, RecordedContact};
+use palpate_core::quantity::{Place, round};
+use palpate_data::dataset::{self, Flag, FollowedTime, Left, NoLoad, PressTruth, RecordedContact};
 use palpate_data::recipe::Entry;
 use palpate_link::device::Stage;
 use palpate_link::time::Instant;
@@ -42,6 +42,8 @@ pub(super) struct Pressed {
     no_load_s: f64,
     pub touched_mm: Option<f64>,
     learned_contact: Option<LearnedContact>,
+    /// Times in which all devices were read after the last level.
+    followed: Vec<FollowedTime>,
 }
 
 impl Pressed {
@@ -102,7 +104,7 @@ impl Runner<'_> {
         }
         let after = self.no_load_after(&pressed.no_load).await?;
         self.rig_control.cell.watch.pause();
-        let Pressed { levels: mut held, no_load: before, no_load_s, touched_mm, learned_contact } = pressed;
+        let Pressed { levels: mut held, no_load: before, no_load_s, touched_mm, learned_contact, followed } = pressed;
         let moved = ZeroMoved {
             from_s: no_load_s,
             to_s: self.rig_control.cell.now_s() - after.force.age_s,
@@ -141,6 +143,7 @@ impl Runner<'_> {
             no_load_after: after,
             left,
             monitors: self.monitors.values(),
+            followed,
             series: None,
         })
     }
@@ -226,6 +229,7 @@ impl Runner<'_> {
         self.rig_control.cell.watch.pause();
         self.rig_control.cell.force_n().await?;
         let mut levels: Vec<MeasuredLevel> = Vec::with_capacity(task.levels.len());
+        let mut followed = Vec::new();
         let mut went: Option<([f64; 2], u64)> = None;
         let mut known = KnownOutputs { outputs: no_load.outputs.clone(), light_n: None };
         let mut event = LoopEvent::Begin { z_mm: self.rig_control.z_mm, no_load: no_load.force };
@@ -273,6 +277,19 @@ impl Runner<'_> {
                     levels.push(MeasuredLevel { dragged, window, place, z_mm, truth });
                     LoopEvent::Sampled { force_n }
                 }
+                LoopCommand::Follow(seconds) => {
+                    let from_s = self.conditions.clock.now_s();
+                    let force_n = self.rig_control.follow(seconds).await?;
+                    followed.push(self.followed(from_s, None));
+                    LoopEvent::Followed { force_n }
+                }
+                LoopCommand::Ramp(granted) => {
+                    let (from_s, from_mm) = (self.conditions.clock.now_s(), self.rig_control.z_mm);
+                    let speed_mm_s = granted.speed_mm_s() * (granted.z_mm() - from_mm).signum();
+                    self.rig_control.ramp_z(granted, &mut press).await?;
+                    followed.push(self.followed(from_s, Some(speed_mm_s)));
+                    LoopEvent::Moved { z_mm: self.rig_control.z_mm }
+                }
                 LoopCommand::Done => break,
                 LoopCommand::Trip(trip) => return Err(self.rig_control.cell.at_first_touch(trip).await.into()),
             };
@@ -289,7 +306,13 @@ impl Runner<'_> {
             no_load_s,
             touched_mm: press.touched_mm(),
             learned_contact: press.learned_contact(),
+            followed,
         })
+    }
+
+    /// Time in which all devices were read, from `from_s` until now.
+    fn followed(&self, from_s: f64, speed_mm_s: Option<f64>) -> FollowedTime {
+        FollowedTime { from_s: round(from_s, 4), to_s: round(self.conditions.clock.now_s(), 4), speed_mm_s }
     }
 
     /// Reads the load cell without load again during the descent before the first touch. Without this, a drifting zero would look like a

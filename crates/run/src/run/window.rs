@@ -5,6 +5,7 @@ use super::rig_control::{RigControl, side_mean};
 use palpate_control::{Mean, STALE_S, mean_of};
 use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep_until};
+use std::cell::Cell;
 use std::time::Duration;
 use tokio::sync::Notify;
 
@@ -12,6 +13,9 @@ use tokio::sync::Notify;
 const READINGS_LEAST: u32 = 2;
 /// Least interval between readings of the outputs. Changes of taxels within a window are slower.
 const OUTPUTS_EVERY: Duration = Duration::from_millis(5);
+
+/// Number of forces that are averaged at the end of a time for which a level was followed.
+const FOLLOWED_READINGS: u32 = 20;
 
 /// Fraction of the range from which an output may be beyond the end of the range.
 const FULL_SCALE: f64 = 0.999;
@@ -159,6 +163,37 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             force.unwrap_or(Mean { value: f64::NAN, middle_s: 0.0, readings: 0 });
         let outputs = means.means.iter().zip(&self.no_load).map(|(mean, no_load)| mean - no_load).collect();
         Ok(MeasuredWindow { began, force_n, side_n, middle_s, forces, seconds, outputs, saturated, late })
+    }
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
+    /// Reads all devices at rest for `seconds`, each as fast as its link allows. Returns the mean of the forces at the end, N relative to
+    /// the reading without load before.
+    pub(super) async fn follow(&mut self, seconds: f64) -> Result<f64, Halt> {
+        self.cell.settle().await?;
+        let until = Instant::now() + Duration::from_secs_f64(seconds);
+        self.series.iter().for_each(|series| series.window(true));
+        let (watched_cell, array) = (&mut self.cell, &mut self.array);
+        let failed = Cell::new(false);
+        let forces = async {
+            while Instant::now() < until && !failed.get() {
+                watched_cell.force_n().await.inspect_err(|_| failed.set(true))?;
+            }
+            Ok::<(), Halt>(())
+        };
+        let outputs = async {
+            let mut now = vec![0.0; array.units()];
+            while Instant::now() < until && !failed.get() {
+                let read = array.read(&mut now).await.and_then(|()| is_saturated(&now, None));
+                read.inspect_err(|_| failed.set(true))?;
+            }
+            Ok::<(), Halt>(())
+        };
+        let (forces, outputs) = tokio::join!(forces, outputs);
+        self.series.iter().for_each(|series| series.window(false));
+        forces?;
+        outputs?;
+        self.cell.mean_n(FOLLOWED_READINGS).await
     }
 }
 

@@ -86,7 +86,7 @@ impl Scene {
         }
         let (touching, after_n) = (self.contact.touching(), self.contact.force_n());
         if touching && !was_touching {
-            self.taxels.touch();
+            self.taxels.touch(place);
         }
         self.taxels.follow(before_n, after_n, touching);
         let [.., hung_z_n] = self.weight.force_n();

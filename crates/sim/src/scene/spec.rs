@@ -115,6 +115,8 @@ pub struct Wear {
     pub gain_per_press: f64,
     /// Change of the output, loaded or not, reading units per contact.
     pub zero_per_press: f64,
+    /// Distance over which a contact wears the gain, mm; infinite: the whole skin.
+    pub radius_mm: f64,
 }
 
 /// Height of the surface over its plane; it belongs to the specimen.

@@ -23,8 +23,11 @@ pub(super) struct TaxelState {
     creep: Option<CreepState>,
     temperature: Option<Temperature>,
     wear: Option<Wear>,
-    /// Contacts since the rig was opened.
+    /// Contacts since the rig was opened, and those that wear the place of the present contact.
     contacts: u64,
+    contacts_here: u64,
+    /// Contacts of each place, if wear is local.
+    places: Vec<(Place, u64)>,
 }
 
 impl TaxelState {
@@ -38,6 +41,8 @@ impl TaxelState {
             temperature: spec.temperature,
             wear: spec.wear,
             contacts: 0,
+            contacts_here: 0,
+            places: Vec::new(),
             skin,
         }
     }
@@ -46,11 +51,25 @@ impl TaxelState {
         self.rng = rng;
     }
 
-    /// Begins a new contact, which differs slightly from the last one.
-    pub(super) fn touch(&mut self) {
+    /// Begins a new contact at a place, which differs slightly from the last one.
+    pub(super) fn touch(&mut self, place: Place) {
         self.skin.draw_contact(&mut self.rng);
         self.reversal = 0.0;
         self.contacts += 1;
+        self.contacts_here = self.wear.map_or(0, |wear| self.contacts_near(place, wear.radius_mm));
+    }
+
+    /// Counts a contact at a place, and returns the number of contacts within a distance.
+    fn contacts_near(&mut self, place: Place, radius_mm: f64) -> u64 {
+        if radius_mm.is_infinite() {
+            return self.contacts;
+        }
+        match self.places.iter_mut().find(|(known, _)| *known == place) {
+            Some((_, count)) => *count += 1,
+            None => self.places.push((place, 1)),
+        }
+        let near = |known: &Place| (known.x_mm - place.x_mm).hypot(known.y_mm - place.y_mm) <= radius_mm;
+        self.places.iter().filter(|(known, _)| near(known)).map(|(_, count)| count).sum()
     }
 
     /// Takes a change of the force from one value to another.
@@ -84,7 +103,7 @@ impl TaxelState {
             creep.read_out(outputs);
         }
         let warm = self.temperature.map(|temperature| temperature.of_taxels(now_s));
-        let worn = self.wear.map(|wear| wear.of_taxels(self.contacts));
+        let worn = self.wear.map(|wear| wear.of_taxels(self.contacts_here, self.contacts));
         let mut shifted = self.baseline;
         for (gain, zero) in warm.into_iter().chain(worn) {
             outputs.iter_mut().for_each(|output| *output *= gain);
@@ -97,9 +116,8 @@ impl TaxelState {
 }
 
 impl Wear {
-    /// Factor on the taxels' gains, and shift of their zeros, reading units.
-    fn of_taxels(&self, contacts: u64) -> (f64, f64) {
-        let contacts = contacts as f64;
-        ((1.0 + contacts * self.gain_per_press).max(0.0), contacts * self.zero_per_press)
+    /// Factor on the taxels' gains by the contacts here, and shift of their zeros by all contacts, reading units.
+    fn of_taxels(&self, here: u64, contacts: u64) -> (f64, f64) {
+        ((1.0 + here as f64 * self.gain_per_press).max(0.0), contacts as f64 * self.zero_per_press)
     }
 }

@@ -14,7 +14,7 @@ use folds::{folds, without};
 use palpate_core::quantity::stream;
 use rand::seq::SliceRandom as _;
 use ridge::{Features, Fold, Ridge, linear, quadratic};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use weights::{METHODS, MethodWeights};
 
 /// Least number of rows for a regression.
@@ -249,6 +249,7 @@ pub fn evaluate_forces(table: &ForceTable) -> Result<ForceEvaluation, ForceTable
 }
 
 /// Linear regression of the force along the press from features of a series, whose ridge is chosen on left-out parts.
+#[derive(Serialize, Deserialize)]
 pub(super) struct SeriesFit {
     features: Features,
     ridge: Ridge,
@@ -274,6 +275,15 @@ impl SeriesFit {
             each.for_each(|([least, most], value)| (*least, *most) = (least.min(*value), most.max(*value)));
         }
         (SeriesFit { features, ridge, ranges }, squares)
+    }
+
+    /// Whether the numbers are finite, and as many as this number of features needs.
+    pub(super) fn is_sound(&self, features: usize) -> bool {
+        let is_range = |[least, most]: &[f64; 2]| least.is_finite() && most.is_finite() && least <= most;
+        self.features.is_sound(features)
+            && self.ridge.is_sound(features + 1)
+            && self.ranges.len() == features
+            && self.ranges.iter().all(is_range)
     }
 
     /// Returns the error of the force of a row, N.

@@ -3,6 +3,7 @@
 use super::ForceTable;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
+use serde::{Deserialize, Serialize};
 
 /// Ridges that are tried, as fractions of the mean square of a feature.
 const RIDGES: [f64; 9] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0];
@@ -14,6 +15,7 @@ const PRODUCTS_MOST: usize = 40;
 const ROWS_AT_ONCE: usize = 2048;
 
 /// Outputs scaled to mean 0 and standard deviation 1, and features made of them.
+#[derive(Serialize, Deserialize)]
 pub(super) struct Features {
     means: Vec<f64>,
     over_sd: Vec<f64>,
@@ -33,6 +35,11 @@ impl Features {
 
     pub(super) fn channels(&self) -> usize {
         self.means.len()
+    }
+
+    /// Whether there is a finite scale for this number of outputs.
+    pub(super) fn is_sound(&self, channels: usize) -> bool {
+        [&self.means, &self.over_sd].iter().all(|each| each.len() == channels && each.iter().all(|n| n.is_finite()))
     }
 
     pub(super) fn standard(&self, outputs: &[f64]) -> Vec<f64> {
@@ -64,12 +71,18 @@ pub(super) fn quadratic(standard: &[f64]) -> Vec<f64> {
 }
 
 /// A linear function of features for each component.
+#[derive(Serialize, Deserialize)]
 pub(super) struct Ridge {
-    /// Row-major, features x 3.
+    /// Row-major, features x 3; the first feature alone if the others can't be used.
     weights: Vec<[f64; 3]>,
 }
 
 impl Ridge {
+    /// Whether there are finite weights for this number of features, the constant included.
+    pub(super) fn is_sound(&self, features: usize) -> bool {
+        [1, features].contains(&self.weights.len()) && self.weights.iter().flatten().all(|weight| weight.is_finite())
+    }
+
     pub(super) fn of(&self, features: &[f64]) -> [f64; 3] {
         let mut answer = [0.0; 3];
         for (feature, weights) in features.iter().zip(&self.weights) {

@@ -2,6 +2,7 @@
 
 use super::super::forces::instant_features;
 use super::Series;
+use serde::{Deserialize, Serialize};
 
 /// Memories that are tried together.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,10 +33,10 @@ const SHORTEST: f64 = 1e-3;
 const PLAYS: [f64; 2] = [0.3, 1.0];
 
 /// Largest gap between two readings, as a multiple of the usual one.
-const GAP_MOST: f64 = 10.0;
+pub(crate) const GAP_MOST: f64 = 10.0;
 
 /// Outputs scaled to mean 0 and standard deviation 1.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Scale {
     means: Vec<f64>,
     /// Reciprocal of each standard deviation; 0 for an output that never changes.
@@ -58,24 +59,38 @@ impl Scale {
         Scale { means, over_sd: over_sd.collect() }
     }
 
+    pub(super) fn channels(&self) -> usize {
+        self.means.len()
+    }
+
+    pub(super) fn is_sound(&self) -> bool {
+        self.means.len() == self.over_sd.len()
+            && self.means.iter().chain(&self.over_sd).all(|number| number.is_finite())
+    }
+
     pub(super) fn scaled(&self, outputs: &[f64]) -> Vec<f64> {
         let each = outputs.iter().zip(&self.means).zip(&self.over_sd);
         each.map(|((output, mean), over_sd)| (output - mean) * over_sd).collect()
     }
 }
 
-/// What is remembered of earlier readings.
-#[derive(Clone, Debug)]
+/// What is remembered of earlier readings. In a file it is empty.
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Memory {
     /// Time constants of the means, s.
     pub taus_s: Vec<f64>,
-    plays: &'static [f64],
+    plays: Vec<f64>,
     /// Longest gap after which the memory is still of use, s.
     gap_s: f64,
-    before_s: Option<f64>,
-    instant: usize,
-    /// Row-major, outputs x time constants, and outputs x plays.
+    /// Number of features of the newest reading, which come first.
+    pub instant: usize,
+    /// Time of the last reading, s.
+    #[serde(skip)]
+    pub before_s: Option<f64>,
+    /// Row-major, outputs x time constants, and outputs x plays; empty before the first reading.
+    #[serde(skip)]
     means: Vec<f64>,
+    #[serde(skip)]
     played: Vec<f64>,
 }
 
@@ -89,39 +104,55 @@ impl Memory {
             .take_while(|tau_s| *tau_s <= longest_s)
             .collect();
         let taus_s = all[..(set.means * all.len() as f64).round() as usize].to_vec();
-        let plays: &[f64] = if set.has_play { &PLAYS } else { &[] };
-        let instant = instant_features(series.row(0)).len();
-        let (means, played) = (vec![0.0; series.channels * taus_s.len()], vec![0.0; series.channels * plays.len()]);
-        Memory { taus_s, plays, gap_s: GAP_MOST * interval_s, before_s: None, instant, means, played }
+        let plays = if set.has_play { PLAYS.to_vec() } else { Vec::new() };
+        let (gap_s, instant) = (GAP_MOST * interval_s, instant_features(series.row(0)).len());
+        Memory { taus_s, plays, gap_s, instant, before_s: None, means: Vec::new(), played: Vec::new() }
+    }
+
+    /// Whether the numbers are those of a memory for this number of outputs.
+    pub(super) fn is_sound(&self, channels: usize) -> bool {
+        let mut lengths = self.taus_s.iter().chain(&self.plays).chain([&self.gap_s]);
+        lengths.all(|length| length.is_finite() && *length > 0.0)
+            && self.instant == instant_features(&vec![0.0; channels]).len()
+    }
+
+    /// Number of features for this number of outputs.
+    pub(super) fn width(&self, channels: usize) -> usize {
+        self.instant + channels * (self.taus_s.len() + self.plays.len())
     }
 
     /// Returns the gap before a reading, s, if it is too long for this memory.
     pub(super) fn gap_s(&self, t_s: f64) -> Option<f64> {
         let has_memory = !self.taus_s.is_empty() || !self.plays.is_empty();
-        self.before_s.map(|before_s| t_s - before_s).filter(|gap_s| has_memory && *gap_s > self.gap_s)
+        self.before_s.map(|before_s| t_s - before_s).filter(|_| has_memory && self.begins_again(t_s))
     }
 
-    /// Number of features of the newest reading, which come first.
-    pub(super) fn instant(&self) -> usize {
-        self.instant
+    /// Whether this is the first reading, or the time to the one before is too long for a memory.
+    pub(super) fn begins_again(&self, t_s: f64) -> bool {
+        self.before_s.is_none_or(|before_s| (t_s - before_s).abs() > self.gap_s)
     }
 
     /// Takes a reading of scaled outputs, and returns its features: the outputs, their squares and products with each other, and the memories.
     /// A memory is the output minus its mean, which forgets with a time constant, or minus the output with play. After a long gap the memory
     /// begins again.
     pub(super) fn features(&mut self, t_s: f64, now: &[f64]) -> Vec<f64> {
-        let passed_s = self.before_s.map(|before_s| t_s - before_s).filter(|passed_s| *passed_s <= self.gap_s);
+        let before_s = if self.begins_again(t_s) { None } else { self.before_s };
+        if before_s.is_none() {
+            let each = |times: usize| now.iter().flat_map(|output| vec![*output; times]).collect();
+            (self.means, self.played) = (each(self.taus_s.len()), each(self.plays.len()));
+        }
+        let passed_s = before_s.map_or(0.0, |before_s| t_s - before_s);
         self.before_s = Some(t_s);
         let mut features = instant_features(now);
         for (channel, output) in now.iter().enumerate() {
             for (nth, tau_s) in self.taus_s.iter().enumerate() {
                 let mean = &mut self.means[channel * self.taus_s.len() + nth];
-                *mean = passed_s.map_or(*output, |passed_s| output + (*mean - output) * (-passed_s / tau_s).exp());
+                *mean = output + (*mean - output) * (-passed_s / tau_s).exp();
                 features.push(output - *mean);
             }
             for (nth, width) in self.plays.iter().enumerate() {
                 let play = &mut self.played[channel * self.plays.len() + nth];
-                *play = if passed_s.is_some() { play.clamp(output - width, output + width) } else { *output };
+                *play = play.max(output - width).min(output + width);
                 features.push(output - *play);
             }
         }

@@ -5,6 +5,10 @@
 //! blocks of time that were left out. Only memories that lower the error clearly are used.
 
 mod features;
+mod regression;
+
+pub(crate) use features::GAP_MOST;
+pub use regression::{HISTORY_METHOD, HistoryRegression, HistorySession};
 
 use super::forces::folds::{blocks, without};
 use super::forces::{ComponentErrors, ForceTable, ForceTableError, SeriesFit};
@@ -50,12 +54,6 @@ pub enum SeriesError {
         /// The reading, from 0.
         row: usize,
     },
-    /// Readings are missing.
-    #[error("no reading for {gap_s:.2} s: what the sensor did meanwhile isn't known, and its history begins again")]
-    Gap {
-        /// Time since the reading before, s.
-        gap_s: f64,
-    },
     /// The numbers can't be regressed.
     #[error(transparent)]
     Table(#[from] ForceTableError),
@@ -74,11 +72,21 @@ pub struct HistoryEvaluation {
     pub newest: ComponentErrors,
     /// Errors with memories, also if they aren't used.
     pub with_memories: ComponentErrors,
-    /// Whether memories lower the error clearly, so that they are used.
-    pub is_used: bool,
     /// Errors of what is used.
     pub used: ComponentErrors,
-    /// Shortest and longest time constant of the memories, s; `None` if none helped.
+    /// The memories.
+    #[serde(flatten)]
+    pub choice: MemoryChoice,
+}
+
+/// The best memories for a series.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MemoryChoice {
+    /// Whether they lower the error clearly, so that they are used.
+    pub is_used: bool,
+    /// Share by which they lower the root mean squared error on blocks of time that were left out.
+    pub lower_by: f64,
+    /// Shortest and longest time constant of the means, s; `None` without means.
     pub memory_s: Option<[f64; 2]>,
     /// Whether outputs with play are among them.
     pub has_play: bool,
@@ -150,82 +158,16 @@ pub fn evaluate_history(series: &Series) -> Result<HistoryEvaluation, SeriesErro
             errors_n.extend(part.iter().map(|&row| fit.error_n(&tables[set], row)));
         }
     }
-    let whole = Choice::of(&tables, &all);
-    let (set, memory) = (MEMORIES[whole.set], Memory::of(&MEMORIES[whole.set], series));
     let [newest, with_memories, used] = errors_n.map(|errors_n| ComponentErrors::of(errors_n.into_iter()));
     Ok(HistoryEvaluation {
         rows: series.rows(),
         span_s: series.span_s(),
         blocks: OUTER_BLOCKS,
         newest,
+        choice: Choice::of(&tables, &all).memories(series, [newest.rmse_n, with_memories.rmse_n]),
         with_memories,
-        is_used: whole.is_used,
         used,
-        memory_s: memory.taus_s.first().zip(memory.taus_s.last()).map(|(first, last)| [*first, *last]),
-        has_play: set.has_play,
     })
-}
-
-/// Fitted regression of a force from readings over time, with the memories that help.
-pub struct HistoryRegression {
-    scale: Scale,
-    /// Before the first reading.
-    memory: Memory,
-    fit: SeriesFit,
-}
-
-impl HistoryRegression {
-    /// Fits a series. Memories are used only if they lower the error clearly.
-    ///
-    /// # Errors
-    /// The readings can't be regressed.
-    pub fn fit(series: &Series) -> Result<HistoryRegression, SeriesError> {
-        let tables = tables(series)?;
-        let mut choice = Choice::of(&tables, &all_rows(&tables[0]));
-        let set = choice.used();
-        Ok(HistoryRegression::of(series, set, choice.fits.swap_remove(set)))
-    }
-
-    /// Fits a series by its newest readings alone.
-    ///
-    /// # Errors
-    /// The readings can't be regressed.
-    pub fn fit_newest(series: &Series) -> Result<HistoryRegression, SeriesError> {
-        let table = table(series, &MEMORIES[0])?;
-        let rows = all_rows(&table);
-        let (fit, _) = SeriesFit::of(&table, &rows, &blocks(rows.len(), BLOCKS));
-        Ok(HistoryRegression::of(series, 0, fit))
-    }
-
-    fn of(series: &Series, set: usize, fit: SeriesFit) -> HistoryRegression {
-        HistoryRegression { scale: Scale::of(series), memory: Memory::of(&MEMORIES[set], series), fit }
-    }
-
-    /// Begins to solve one reading after another.
-    pub fn session(&self) -> HistorySession<'_> {
-        HistorySession { regression: self, memory: self.memory.clone() }
-    }
-}
-
-/// Solves one reading after another.
-pub struct HistorySession<'a> {
-    regression: &'a HistoryRegression,
-    memory: Memory,
-}
-
-impl HistorySession<'_> {
-    /// Returns the force that caused a reading at a time, N. The times increase.
-    ///
-    /// # Errors
-    /// Readings are missing, and memories need them. The next reading is solved again.
-    pub fn solve(&mut self, t_s: f64, outputs: &[f64]) -> Result<f64, SeriesError> {
-        let gap_s = self.memory.gap_s(t_s);
-        let features = self.memory.features(t_s, &self.regression.scale.scaled(outputs));
-        match gap_s {
-            None => Ok(self.regression.fit.answer_n(&features, self.memory.instant())),
-            Some(gap_s) => Err(SeriesError::Gap { gap_s }),
-        }
-    }
 }
 
 /// Choice of memories by blocks of some rows that were left out in turn.
@@ -235,6 +177,8 @@ struct Choice {
     is_used: bool,
     /// Fit of each set to all the rows.
     fits: Vec<SeriesFit>,
+    /// Root of the mean squared error of all blocks, by the newest readings alone and with the best memories, N.
+    rmse_n: [f64; 2],
 }
 
 impl Choice {
@@ -252,7 +196,19 @@ impl Choice {
         let set = (1..best).find(|set| !is_lower(&errors[*set], &errors[best], 1.0)).unwrap_or(best);
         let is_used =
             sum(&errors[set]) < (1.0 - GAIN_LEAST) * sum(&errors[0]) && is_lower(&errors[0], &errors[set], SURE);
-        Choice { set, is_used, fits }
+        let rmse_n = |set: usize| (squares[set].iter().sum::<f64>() / parts.len() as f64).sqrt();
+        Choice { set, is_used, fits, rmse_n: [rmse_n(0), rmse_n(set)] }
+    }
+
+    /// Describes the best memories, by the errors without and with them.
+    fn memories(&self, series: &Series, [newest_n, with_memories_n]: [f64; 2]) -> MemoryChoice {
+        let taus_s = Memory::of(&MEMORIES[self.set], series).taus_s;
+        MemoryChoice {
+            is_used: self.is_used,
+            lower_by: if newest_n > 0.0 { 1.0 - with_memories_n / newest_n } else { 0.0 },
+            memory_s: taus_s.first().zip(taus_s.last()).map(|(first, last)| [*first, *last]),
+            has_play: MEMORIES[self.set].has_play,
+        }
     }
 
     /// The set that is used.

@@ -7,10 +7,16 @@ use crate::dataset::mapping::Mapping;
 use crate::dataset::press::output_name;
 use crate::dataset::table_error::{TableError, quoted};
 use csv::{ByteRecord, StringRecord};
+use palpate_core::quantity::round;
 use serde_json::Value;
 use std::io::{self, Read};
 
 const HELP: &str = "required: out_1, out_2, ... without a gap; a file of numbers only needs no header";
+const HELP_TIMES: &str =
+    "required: t_s, the time of each reading, s, and out_1, out_2, ...; `solve --columns t_s=NAME` names another";
+
+/// Decimals of a time in other units than s.
+const TIME_DECIMALS: i32 = 9;
 
 /// Parser of CSV lines.
 pub(super) struct CsvParser {
@@ -18,6 +24,8 @@ pub(super) struct CsvParser {
     cells: ByteRecord,
     columns: Option<CellPositions>,
     mapping: Mapping,
+    /// Whether each reading needs a time.
+    pub needs_time: bool,
     /// Dialect; known once the first line shows the separator.
     dialect: Option<Dialect>,
 }
@@ -33,7 +41,14 @@ struct CellPositions {
 
 impl CsvParser {
     pub(super) fn new(mapping: Mapping) -> Self {
-        CsvParser { reader: reader(b','), cells: ByteRecord::new(), columns: None, mapping, dialect: None }
+        CsvParser {
+            reader: reader(b','),
+            cells: ByteRecord::new(),
+            columns: None,
+            mapping,
+            needs_time: false,
+            dialect: None,
+        }
     }
 
     /// Whether no line has been read yet.
@@ -71,14 +86,17 @@ impl CsvParser {
             Some(columns) => columns,
             None if !self.mapping.has_header => {
                 let names: StringRecord = (1..=self.cells.len()).map(|number| number.to_string()).collect();
-                self.columns.insert(CellPositions::find(file, number, names, units, &self.mapping)?)
+                self.columns.insert(CellPositions::find(file, number, names, units, &self.mapping, self.needs_time)?)
+            }
+            None if is_reading(&self.cells, &self.mapping) && self.needs_time => {
+                return Err(ReadingError::NoTime { file: file.to_owned(), line: number });
             }
             None if is_reading(&self.cells, &self.mapping) => self.columns.insert(CellPositions::in_order(units)),
             None if is_open => return Err(open_quote()),
             None => {
                 let not_text = |_| TableError::NotText { file: file.to_owned(), line: number };
                 let names = StringRecord::from_byte_record(self.cells.clone()).map_err(not_text)?;
-                self.columns = Some(CellPositions::find(file, number, names, units, &self.mapping)?);
+                self.columns = Some(CellPositions::find(file, number, names, units, &self.mapping, self.needs_time)?);
                 return Ok(LineContent::Nothing);
             }
         };
@@ -138,15 +156,18 @@ impl CellPositions {
         mut names: StringRecord,
         units: usize,
         mapping: &Mapping,
+        needs_time: bool,
     ) -> Result<Self, ReadingError> {
         names.trim();
-        let header = Header { file, line, names: &names, help: HELP };
+        let header = Header { file, line, names: &names, help: if needs_time { HELP_TIMES } else { HELP } };
         header.check()?;
         let outputs = header.outputs(mapping.output_names())?;
         if outputs.len() != units {
             return Err(ReadingError::Units { file: file.to_owned(), line, found: outputs.len(), expected: units });
         }
-        let (id, t_s) = (header.optional("id"), header.optional("t_s"));
+        let time = mapping.name_of("t_s").unwrap_or("t_s");
+        let t_s = if needs_time { Some(header.needed("t_s", time)?) } else { header.optional(time) };
+        let id = header.optional("id");
         Ok(CellPositions { names: Some(names), outputs, id, t_s })
     }
 
@@ -161,6 +182,9 @@ impl CellPositions {
         self.check_length(file, reading.line, cells)?;
         let label = |column: Option<usize>| column.and_then(|column| cells.get(column)).map(label);
         (reading.id, reading.t_s) = (label(self.id), label(self.t_s));
+        if let Some(time) = reading.t_s.as_ref().and_then(Value::as_f64).filter(|_| mapping.scale.time != 1.0) {
+            reading.t_s = Some(round(time * mapping.scale.time, TIME_DECIMALS).into());
+        }
         reading.outputs.clear();
         for &column in &self.outputs {
             let is_missing = |cell: &&[u8]| std::str::from_utf8(cell).is_ok_and(|cell| mapping.is_missing(cell.trim()));

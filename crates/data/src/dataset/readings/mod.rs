@@ -88,6 +88,13 @@ pub enum ReadingError {
         "correct the program that sends it, or add --keep-going: such a line is then answered `unsolved`"
     ))]
     NoNumbers { file: String, line: u64, expected: usize, found: String },
+    /// The sensor has a history, and the reading has no time.
+    #[error("{file}, line {line}: t_s, the time of the reading, is missing or isn't a number")]
+    #[diagnostic(help(
+        "a sensor with a history needs the time of each reading, s: a header with t_s in CSV, \
+         {{\"t_s\": 0.1, \"outputs\": [0.1, 0.2]}} in JSON"
+    ))]
+    NoTime { file: String, line: u64 },
     /// The line isn't JSON, or is JSON of another form.
     #[error("{file}, line {line}, column {column}: {reason}")]
     #[diagnostic(help("expected a reading, as {{\"outputs\": [0.1, 0.2]}} or [0.1, 0.2]"))]
@@ -110,7 +117,8 @@ pub struct Readings {
 
 impl Readings {
     /// Interprets readings of `units` units; `file` is the name of the input in messages. Without a format, the format is
-    /// detected from the first character. The mapping names the columns of the outputs, and scales outputs in either format.
+    /// detected from the first character. The mapping names the columns of the outputs and of the time. It scales outputs in either
+    /// format, and the time in CSV; in JSON `t_s` is in s.
     pub fn new(file: &str, units: usize, format: Option<ReadingFormat>, mapping: Mapping) -> Self {
         let scale = mapping.scale.outputs;
         Readings {
@@ -121,6 +129,13 @@ impl Readings {
             cells: CsvParser::new(mapping),
             reading: Reading::default(),
         }
+    }
+
+    /// Refuses readings without a time, if each needs one.
+    #[must_use]
+    pub(super) fn with_times(mut self, needs_time: bool) -> Self {
+        self.cells.needs_time = needs_time;
+        self
     }
 
     /// Returns the content of the next line, given with or without its line end.
@@ -150,6 +165,10 @@ impl Readings {
         };
         if self.scale != 1.0 {
             self.reading.outputs.iter_mut().for_each(|output| *output *= self.scale);
+        }
+        let has_time = self.reading.t_s.as_ref().is_some_and(Value::is_number);
+        if self.cells.needs_time && !has_time && matches!(held, LineContent::Reading) {
+            return Ok(LineContent::Bad(ReadingError::NoTime { file: self.file.clone(), line: self.reading.line }));
         }
         Ok(held)
     }

@@ -128,7 +128,7 @@ fn temperature_shifts_zeros_and_gains() {
 
 #[test]
 fn each_contact_wears_once() {
-    let wear = Some(Wear { gain_per_press: -0.01, zero_per_press: 0.002 });
+    let wear = Some(Wear { gain_per_press: -0.01, zero_per_press: 0.002, radius_mm: f64::INFINITY });
     let mut scene = scene(SceneSpec { wear, relaxation: vec![], ..plain() }, 1);
     let mut now_s = 0.0;
     for contact in 1..=5u32 {

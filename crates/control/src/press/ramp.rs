@@ -1,0 +1,69 @@
+//! Ramps after the last level: at constant speeds away from the specimen, and back to where the level was held.
+//!
+//! The force there is known, and each motion toward it passes the permit from a force that was read at rest.
+
+use super::ForceLoop;
+use super::dialogue::LoopCommand;
+use super::state::{PressState, STEP_LEAST_MM};
+use crate::permit::MotionContext;
+use crate::trip::{SafetyRule, Trip};
+
+/// Distance from the surface at which a ramp away from it ends, mm.
+const CLEAR_MM: f64 = 0.05;
+
+/// Progress of the ramps.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct RampProgress {
+    /// Number of motions so far: one away and one back for each speed.
+    made: usize,
+    /// z where the level was held, mm.
+    held_mm: f64,
+}
+
+impl ForceLoop {
+    /// Whether ramps remain to be made.
+    pub(super) fn ramp_ahead(&self) -> bool {
+        self.in_contact && self.ramped.made < 2 * self.task.ramps_mm_s.len()
+    }
+
+    /// Begins the next motion of the ramps, no faster than the rig allows. The first one begins only if the way back would be permitted.
+    pub(super) fn ramp(&mut self) -> Result<LoopCommand, Trip> {
+        let asked_mm_s = self.task.ramps_mm_s.get(self.ramped.made / 2).copied().unwrap_or_default();
+        let speed_mm_s = asked_mm_s.min(self.context.speed_mm_s);
+        if !self.ramped.made.is_multiple_of(2) {
+            return self.ramp_back(speed_mm_s);
+        }
+        let surface_mm = self.touched_mm().unwrap_or(self.first_mm).min(self.first_mm).min(self.z_mm);
+        let clear_mm = self.in_steps_mm(surface_mm - CLEAR_MM);
+        let there = MotionContext { z_mm: clear_mm, force_n: 0.0, ..self.context() };
+        let deepest_mm = self.context.permit.deepest_mm(&there);
+        if self.z_mm > deepest_mm {
+            return Err(Trip::new(SafetyRule::OutOfReach, self.z_mm, deepest_mm, "mm"));
+        }
+        (self.ramped.held_mm, self.motion) = (self.z_mm, None);
+        let granted = self.context.permit.retract(self.z_mm, clear_mm, speed_mm_s)?;
+        self.ramped.made += 1;
+        self.go(PressState::Ramping, LoopCommand::Ramp(granted))
+    }
+
+    /// Begins a motion back to where the level was held.
+    fn ramp_back(&mut self, speed_mm_s: f64) -> Result<LoopCommand, Trip> {
+        self.ramped.made += 1;
+        match self.advance(PressState::Ramping, self.ramped.held_mm, speed_mm_s)? {
+            LoopCommand::Move(granted) => Ok(LoopCommand::Ramp(granted)),
+            other => Ok(other),
+        }
+    }
+
+    /// Takes the force at rest at the end of a motion. A ramp that came back must show the contact again.
+    pub(super) fn ramp_ended(&mut self, force_n: f64) -> Result<LoopCommand, Trip> {
+        self.check_hardness(force_n)?;
+        let is_back = self.ramped.made.is_multiple_of(2) && self.z_mm >= self.ramped.held_mm - STEP_LEAST_MM;
+        let least_n = self.context.zero.detect_n() / 2.0;
+        if is_back && force_n < least_n {
+            return Err(Trip::new(SafetyRule::Fallen, force_n, least_n, "N"));
+        }
+        (self.force_n, self.rested) = (force_n, None);
+        self.next_level()
+    }
+}

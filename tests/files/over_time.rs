@@ -1,0 +1,135 @@
+//! What a sensor does over time: creep, noise and wear on the page of a run, and many presses that are interrupted.
+
+use palpate_data::dataset::{Recorded, cycled, followed};
+use palpate_solver::over_time::{relaxation, wear};
+use palpate_testing::{Live, TestFolder, campaign, shipped_text};
+use std::collections::BTreeSet;
+
+/// Presses at one place: quick and full.
+const CYCLES: (usize, usize) = (120, 9_984);
+
+/// Kills of a run with many presses.
+const KILLS: usize = 10;
+
+/// Wear of the scene below in all presses of a long run, and in each press of a short one. More than a quarter ends the run, because the load
+/// cell could be the cause.
+const WEAR: f64 = -0.15;
+const WEAR_A_PRESS: f64 = -1e-4;
+
+/// Change of the gain by the temperature of the scene, 1/h.
+const DRIFT_PER_H: f64 = 0.005;
+
+fn rig(scene: &str) -> String {
+    shipped_text("rigs/sim.toml").replace("[scene] ", &format!("[scene]\n{scene}\n#"))
+}
+
+fn cycles(presses: usize, every: usize) -> String {
+    format!(
+        "name = \"r\"\nrig = \"rig.toml\"\nchecks = \"none\"\n[[step]]\nphase = \"cycles\"\nlist = {{ places_mm = [[0, 0]] }}\n\
+         force_n = 1.0\ncycles = {{ presses = {presses}, reference_every = {every}, reference_mm = [[4.5, 4.5]] }}\n"
+    )
+}
+
+#[test]
+fn page_has_a_figure_and_a_table_for_each_phase() {
+    let recipe = shipped_text("recipes/over-time.toml").replace("120.0", "20.0").replace("1000", "60");
+    let bench = TestFolder::with([("r.toml", recipe.as_str())]);
+    let check = bench.palpate_ends(0, "check r.toml").out;
+    assert!(check.contains("shows time constants from 0.01 s to 20 s"), "{check}");
+    bench.palpate_ends(0, "run r.toml --out run");
+    bench.palpate_ends(0, "report run --figures figures");
+    let page = bench.read("run/report.html");
+    for title in ["Creep under load", "Ramps", "Noise and drift without load", "Wear by many presses"] {
+        assert!(page.contains(title), "{title}");
+    }
+    for figure in ["creep-1", "creep-2", "ramps-3", "allan-0", "cycles-2-0"] {
+        assert!(bench.has(&format!("figures/{figure}.csv")), "{figure}");
+    }
+}
+
+#[test]
+fn creep_of_the_taxels_is_found_in_what_was_followed() {
+    let scene = "taxel_creep = [{ share = 0.2, time_s = 4.0 }]\nelastomer = { depth_mm = 5.0 }\n\
+                 contact = { linear_n_mm = 1.1, toe_mm = 0.01 }\nload_cell = { noise_n = 0.003 }\n[unused]";
+    let rig = shipped_text("rigs/sim.toml");
+    let rig = format!("{}[scene]\n{}", &rig[..rig.find("[scene]").unwrap()], scene.replace("\n[unused]", ""));
+    let recipe = "name = \"r\"\nrig = \"rig.toml\"\nchecks = \"none\"\n[record]\nseries = \"window\"\n[[step]]\nphase = \"creep\"\n\
+                  units = [5]\nforce_n = 1.0\nfollow_s = 40.0\n";
+    let bench = TestFolder::with([("rig.toml", rig.as_str()), ("r.toml", recipe)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let all = followed(&Recorded::read(&bench.path("run")).unwrap()).unwrap();
+    let [only] = &all[..] else { panic!("{} were followed", all.len()) };
+    assert_eq!((only.output, only.press), (5, 0));
+    let found = relaxation(&only.values[0], &only.values[1]).unwrap();
+    assert!(found.terms.len() == 1 && (found.terms[0].time_s - 4.0).abs() < 0.05, "{found:?}");
+    let force = relaxation(&only.force_n[0], &only.force_n[1]).unwrap();
+    assert!(force.terms.is_empty(), "a spring doesn't relax: {force:?}");
+}
+
+#[test]
+fn wear_is_told_from_the_drift_of_the_rig_and_every_press_counts_once_after_kills() {
+    let presses = campaign::size(CYCLES.0, CYCLES.1);
+    let (every, references) = (presses / 24, 25);
+    let worn = (WEAR / presses as f64).max(WEAR_A_PRESS);
+    let scene = format!(
+        "wear = {{ gain_per_press = {worn}, radius_mm = 1.0 }}\n\
+         temperature = {{ mean_c = 23.0, drift_c_h = 1.0, taxel_gain_per_c = {DRIFT_PER_H} }}"
+    );
+    let bench = TestFolder::with([("rig.toml", rig(&scene).as_str()), ("r.toml", &cycles(presses, every))]);
+    bench.palpate_ends(0, "run r.toml --out whole");
+    let recorded = Recorded::read(&bench.path("whole")).unwrap();
+    let all = cycled(&recorded);
+    assert_eq!(all.len(), 1);
+    let found = wear(&all[0].points).unwrap();
+    let [least, most] = found.wear_per_cycle.interval;
+    println!("wear {:.2e} ({least:.2e} to {most:.2e}), drift {:?}", found.wear_per_cycle.value, found.drift_per_h);
+    assert!(found.is_separate && least < worn && worn < most, "{found:?}");
+    let mut words = "run r.toml --out run --json".to_owned();
+    for kill in 0..KILLS {
+        let mut live = Live::start(bench.command(&words));
+        let mut lines = (presses + references) / (KILLS + 1);
+        while lines > 0 && live.line().is_some() {
+            lines -= 1;
+        }
+        live.kill();
+        assert!(bench.has("run"), "kill {kill}");
+        words = "resume run --json".to_owned();
+    }
+    bench.palpate_ends(0, "resume run");
+    bench.palpate_ends(0, "verify run");
+    let recorded = Recorded::read(&bench.path("run")).unwrap();
+    let numbers: BTreeSet<u64> = recorded.contacts.iter().map(|contact| contact.press).collect();
+    assert_eq!((numbers.len(), recorded.contacts.len()), (presses + references, presses + references));
+    assert_eq!(cycled(&recorded)[0].points.iter().filter(|point| !point.is_reference).count(), presses);
+}
+
+#[test]
+fn phases_over_time_are_refused_where_they_are_incomplete() {
+    let recipe = |step: &str, record: &str| {
+        format!("name = \"r\"\nrig = \"sim\"\n{record}[[step]]\nlist = {{ places_mm = [[0, 0]] }}\n{step}\n")
+    };
+    let window = "[record]\nseries = \"window\"\n";
+    let cycles = "cycles = { presses = 10, reference_mm = [[4, 4]] }";
+    for (step, record, expected) in [
+        ("phase = \"creep\"\nforce_n = 1.0", window, "the phase \"creep\" needs `follow_s`"),
+        (
+            "phase = \"creep\"\nforce_n = 1.0\nfollow_s = 9.0",
+            "",
+            "this step follows a level over time, but no readings are kept",
+        ),
+        ("phase = \"rest\"\nforce_n = 1.0\nfollow_s = 9.0", window, "a rest has no force and no depth"),
+        ("phase = \"test\"\nforce_n = 1.0\nfollow_s = 9.0", window, "`follow_s` isn't used in the phase \"test\""),
+        ("phase = \"cycles\"\nforce_n = 1.0", "", "the phase \"cycles\" needs `cycles`"),
+        (&format!("phase = \"test\"\nforce_n = 1.0\n{cycles}"), "", "`cycles` isn't used in the phase \"test\""),
+        (&format!("phase = \"cycles\"\n{cycles}"), "", "`cycles` needs one force"),
+        (
+            &format!("phase = \"cycles\"\nforce_n = 1.0\n{}", cycles.replace("[4, 4]", "[40, 4]")),
+            "",
+            "outside the stage's travel",
+        ),
+    ] {
+        let bench = TestFolder::with([("r.toml", recipe(step, record).as_str())]);
+        let refused = bench.palpate_ends(2, "check r.toml").running();
+        assert!(refused.contains(expected), "{step}: {refused}");
+    }
+}
