@@ -35,6 +35,14 @@ pub struct Cycled {
     pub points: Vec<CyclePoint>,
 }
 
+/// A place of the phase cycles: its first outputs, its number of presses, and those whose gain is known.
+struct PressedPlace {
+    place: Place,
+    first: Vec<f64>,
+    presses: u32,
+    points: Vec<CyclePoint>,
+}
+
 /// Reads the levels of a run that were followed, in the order of measurement. Runs without readings have none.
 ///
 /// # Errors
@@ -97,36 +105,34 @@ fn begun(run: &Recorded, contact: &super::RecordedContact) -> Vec<(Followed, [f6
 /// Returns the places that a run pressed many times, each with its presses in the order of measurement. The gain of a press is the size of
 /// its outputs along those of the first press at its place, for each newton.
 pub fn cycled(run: &Recorded) -> Vec<Cycled> {
-    let mut places: Vec<(Place, Vec<f64>, Vec<(f64, f64)>)> = Vec::new();
+    let mut places: Vec<PressedPlace> = Vec::new();
     for press in run.contacts.iter().flat_map(|contact| &contact.levels).filter(|press| press.is_of(Phase::Cycles)) {
         let (Some(force_n), Some(t_s)) = (press.force_n, press.t_s) else { continue };
-        let known = places.iter().position(|(place, ..)| *place == press.place());
+        let known = places.iter().position(|known| known.place == press.place());
         let index = known.unwrap_or_else(|| {
-            places.push((press.place(), press.outputs.clone(), Vec::new()));
+            places.push(PressedPlace {
+                place: press.place(),
+                first: press.outputs.clone(),
+                presses: 0,
+                points: Vec::new(),
+            });
             places.len() - 1
         });
-        let (_, first, presses) = &mut places[index];
+        let PressedPlace { first, presses, points, .. } = &mut places[index];
         let along: f64 = first.iter().zip(&press.outputs).map(|(first, output)| first * output).sum();
         let gain = along / first.iter().map(|first| first * first).sum::<f64>() / force_n;
         if gain > 0.0 && !press.is_flagged() {
-            presses.push((t_s, gain.ln()));
+            // a step presses its reference place first
+            let (cycle, is_reference) = (f64::from(*presses), index == 0);
+            points.push(CyclePoint { cycle, t_s, log_gain: gain.ln(), is_reference });
         }
+        *presses += 1;
     }
-    // a step presses its reference place first
-    let reference = 0;
-    let points = |index: usize, is_reference: bool| {
-        let presses = places[index].2.iter().enumerate();
-        presses.map(move |(cycle, (t_s, log_gain))| CyclePoint {
-            cycle: cycle as f64,
-            t_s: *t_s,
-            log_gain: *log_gain,
-            is_reference,
-        })
-    };
-    let of = |index: usize| {
-        let mut points: Vec<CyclePoint> = points(index, false).chain(points(reference, true)).collect();
+    let Some((reference, others)) = places.split_first() else { return Vec::new() };
+    let with_reference = |other: &PressedPlace| {
+        let mut points = [other.points.as_slice(), &reference.points].concat();
         points.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-        Cycled { place: places[index].0, points }
+        Cycled { place: other.place, points }
     };
-    (1..places.len()).map(of).collect()
+    others.iter().map(with_reference).collect()
 }

@@ -9,15 +9,18 @@ pub struct AllanPoint {
     pub tau_s: f64,
     /// Allan deviation, in the unit of the values: the sd of a mean, if the noise is white.
     pub deviation: f64,
-    /// Number of pairs of means that it follows from. They overlap, so about one in `2 tau_s / interval` is independent.
+    /// Number of pairs of means that it follows from. They overlap, so about one in `2 tau_s / interval` is
+    /// independent.
     pub pairs: usize,
 }
 
-/// Returns the overlapping Allan deviation of readings, for averaging times of 1, 2, 4 and so on intervals, up to a quarter of the
-/// series. White noise falls as the root of the averaging time, a random walk rises as the root, and a drift rises in proportion.
+/// Returns the overlapping Allan deviation of readings, for averaging times of 1, 2, 4 and so on intervals, up to a
+/// quarter of the series. White noise falls as the root of the averaging time, a random walk rises as the root, and a
+/// drift rises in proportion.
 ///
-/// `interval_s` is the time between two readings, s. For readings at irregular times it is the mean interval; a gap then counts as one
-/// interval. The result is empty for fewer than 4 readings, a number that isn't finite, or an interval that isn't above 0.
+/// `interval_s` is the time between two readings, s. For readings at irregular times it is the mean interval; a gap
+/// then counts as one interval. The result is empty for fewer than 4 readings, a number that isn't finite, or an
+/// interval that isn't above 0.
 pub fn allan_deviation(interval_s: f64, values: &[f64]) -> Vec<AllanPoint> {
     let is_sound = interval_s > 0.0 && interval_s.is_finite() && values.iter().all(|value| value.is_finite());
     if !is_sound {
@@ -40,8 +43,8 @@ pub fn allan_deviation(interval_s: f64, values: &[f64]) -> Vec<AllanPoint> {
     (0..).map(|power| 1 << power).take_while(|count| *count <= values.len() / 4).map(point).collect()
 }
 
-/// Returns the sd of one reading by successive differences, in the unit of the values. A slow drift hardly changes it. `None` for fewer
-/// than two readings.
+/// Returns the sd of one reading by successive differences, in the unit of the values. A slow drift hardly changes it.
+/// `None` for fewer than two readings.
 pub fn noise_sd(values: &[f64]) -> Option<f64> {
     let squares: f64 = values.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
     (values.len() > 1).then(|| (0.5 * squares / (values.len() - 1) as f64).sqrt())

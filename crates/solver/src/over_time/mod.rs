@@ -2,13 +2,15 @@
 //!
 //! | file | what it estimates |
 //! |---|---|
-//! | `relaxation` | time constants of values held at rest |
+//! | `relaxation` | time constants of values held at rest, by the fit in `exponentials` |
 //! | `allan` | noise of means over longer and longer times |
 //! | `wear` | change of the gain with each press, without the drift of the rig |
 //!
-//! Intervals are 95 % and assume that the noise of readings is independent. Times are in seconds, and only their differences count.
+//! Intervals are 95 % and assume that the noise of readings is independent. Times are in seconds, and only their
+//! differences count.
 
 mod allan;
+mod exponentials;
 mod relaxation;
 mod wear;
 
@@ -18,20 +20,12 @@ pub use wear::{CyclePoint, Estimate, Wear, wear};
 
 use palpate_core::algebra::{cholesky, substitute};
 use statrs::distribution::{ContinuousCDF, StudentsT};
-use statrs::function::beta::beta_reg;
+use std::array::from_fn;
 
 /// Reason why measurements over time have no estimate.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum OverTimeError {
-    /// There isn't one value for each time.
-    #[error("{times} times, but {values} values")]
-    Lengths {
-        /// Number of times.
-        times: usize,
-        /// Number of values.
-        values: usize,
-    },
-    /// Too few readings or presses.
+    /// Too few readings, or presses at the worn place.
     #[error("{readings} readings, at least {needed} are needed")]
     TooFew {
         /// Number of readings.
@@ -39,24 +33,19 @@ pub enum OverTimeError {
         /// Number of readings required.
         needed: usize,
     },
-    /// A number is NaN or infinite.
-    #[error("reading {reading} has a number that isn't finite")]
-    NotFinite {
+    /// A number is missing, NaN or infinite, or times don't increase.
+    #[error("reading {reading} has no finite time and value, or isn't later than the one before")]
+    Reading {
         /// The reading, from 0.
         reading: usize,
     },
-    /// Times don't increase.
-    #[error("reading {reading} isn't later than the one before")]
-    Order {
-        /// The reading, from 0.
-        reading: usize,
-    },
-    /// The presses don't differ in what they should show.
-    #[error("the presses at the worn place have the same number of cycles")]
-    SameCycle,
+    /// All presses have the same cycle, or numbers are too large to be squared.
+    #[error("the cycles don't differ, or numbers are too large")]
+    Singular,
 }
 
-/// Normal equations of a linear least-squares fit with at most `N` parameters. A parameter whose factor is 0 in all rows is absent.
+/// Normal equations of a linear least-squares fit with at most `N` parameters. A parameter whose factor is 0 in all
+/// rows is absent.
 struct LeastSquares<const N: usize> {
     /// The lower triangle is filled.
     matrix: [[f64; N]; N],
@@ -79,30 +68,24 @@ impl<const N: usize> LeastSquares<N> {
         sums
     }
 
-    /// Returns the parameters; `None` if the rows don't determine them.
-    fn solve(&self) -> Option<[f64; N]> {
-        Some(substitute(&cholesky(&self.matrix)?, self.right))
+    /// Returns the parameters, and the variance of each for values with a variance of 1 over their weight. `None` if
+    /// the rows don't determine them.
+    fn solve(&self) -> Option<[[f64; N]; 2]> {
+        let covariance = self.covariance()?;
+        Some([substitute(&cholesky(&self.matrix)?, self.right), from_fn(|i| covariance[i][i])])
     }
 
-    /// Returns the variance of each parameter for values with a variance of 1 over their weight.
-    fn variances(&self) -> Option<[f64; N]> {
+    /// Returns the covariance of the parameters for such values.
+    fn covariance(&self) -> Option<[[f64; N]; N]> {
         let l = cholesky(&self.matrix)?;
-        Some(std::array::from_fn(|i| substitute(&l, std::array::from_fn(|j| f64::from(u8::from(i == j))))[i]))
+        let unit = |i: usize| from_fn(|j| f64::from(u8::from(i == j)));
+        Some(from_fn(|i| substitute(&l, unit(i))))
     }
 }
 
 /// Returns how many standard deviations a 95 % interval has to each side; infinite without degrees of freedom.
-fn interval_sigmas(freedom: usize) -> f64 {
-    StudentsT::new(0.0, 1.0, freedom as f64).map_or(f64::INFINITY, |student| student.inverse_cdf(0.975))
-}
-
-/// Returns the probability that `added` needless parameters lower the sum of squares this much or more (F-test). `freedom` is the
-/// number of values minus all parameters.
-fn by_chance(squares: f64, without: f64, added: usize, freedom: usize) -> f64 {
-    match squares < without && freedom > 0 {
-        true => beta_reg(0.5 * freedom as f64, 0.5 * added as f64, squares / without),
-        false => 1.0, // NaN too
-    }
+fn interval_sigmas(freedom: f64) -> f64 {
+    StudentsT::new(0.0, 1.0, freedom).map_or(f64::INFINITY, |student| student.inverse_cdf(0.975))
 }
 
 #[cfg(test)]

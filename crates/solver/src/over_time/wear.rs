@@ -1,35 +1,35 @@
 //! Wear: how the gain changes with each press at one place.
 //!
-//! Presses at a place that isn't worn show the drift of the rig. The log of the gain is `a + wear * cycle + drift(t)` at the worn place and
-//! `b + drift(t)` at the reference. The drift is a straight line in time. With 10 references it is tested whether they follow
-//! one; if not, the line is bent at some of them.
+//! Presses at a place that isn't worn show the drift of the rig. The log of the gain is `a + wear * cycle + drift(t)`
+//! at the worn place and `b + drift(t)` at the reference. The drift is a straight line in time. With 10 references it
+//! has four bends: both places share them, so they hardly make the wear less certain.
 
-use super::{LeastSquares, OverTimeError, by_chance, interval_sigmas};
+use super::{LeastSquares, OverTimeError, interval_sigmas};
 use serde::Serialize;
+use std::array::from_fn;
 
-/// Number of bends of a drift that isn't straight.
+/// Number of bends of the drift.
 const BENDS: usize = 4;
 
-/// Parameters: worn place, reference, wear, drift, bends. Each index is that of its factor.
-const PARAMETERS: usize = 4 + BENDS;
+/// Parameters: worn place, reference, wear, its curve, drift, bends. Each index is that of its factor.
+const PARAMETERS: usize = 5 + BENDS;
+const REFERENCE: usize = 1;
 const WEAR: usize = 2;
-const DRIFT: usize = 3;
+const CURVE: usize = 3;
+const DRIFT: usize = 4;
 
 /// Least number of presses at the worn place.
 const WORN_LEAST: usize = 5;
 
-/// Least number of references that show the drift, and that show whether it is straight.
+/// Least number of references that show the drift, and that show its bends.
 const REFERENCES_LEAST: usize = 3;
 const BENT_LEAST: usize = 10;
 
 /// References show the drift only if they extend over this share of the time of the worn presses.
 const COVER_LEAST: f64 = 0.5;
 
-/// The drift is bent if noise would bend it as much with this probability.
-const CHANCE: f64 = 0.01;
-
-/// The model doesn't fit if successive residuals differ less than noise does by so many standard deviations.
-const MISFIT_SIGMAS: f64 = 3.0;
+/// Wear isn't proportional to the cycles if its curve is this many times as large as half its 95 % interval.
+const CURVE_MOST: f64 = 1.5;
 
 /// Least variance of the noise of the log of a gain.
 const VARIANCE_LEAST: f64 = 1e-14;
@@ -37,7 +37,7 @@ const VARIANCE_LEAST: f64 = 1e-14;
 /// A press of a series at one place, or a reference press in between.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CyclePoint {
-    /// Number of presses at the worn place so far. It isn't used for a reference.
+    /// Number of presses at the worn place so far. A reference may have any finite number.
     pub cycle: f64,
     /// Time, s.
     pub t_s: f64,
@@ -59,22 +59,22 @@ pub struct Estimate {
 /// Change of a gain with the presses, and with time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Wear {
-    /// Change of the log of the gain with each cycle; negative if the sensor loses gain. Unless `is_separate`, it contains the rig's
-    /// drift from one cycle to the next.
+    /// Change of the log of the gain with each cycle; negative if the sensor loses gain. Unless `is_separate`, it
+    /// contains the rig's drift from one cycle to the next.
     pub wear_per_cycle: Estimate,
-    /// Change of the log of the gain in an hour that both places share, as a mean from the first press to the last. `None` unless
-    /// `is_separate`.
+    /// Change of the log of the gain in an hour that both places share, as a mean from the first press to the last.
+    /// `None` unless `is_separate`.
     pub drift_per_h: Option<Estimate>,
-    /// Whether wear and drift are distinguished: there are at least 3 references, and they extend over half the time of the worn presses.
+    /// Whether wear and drift are distinguished: there are at least 3 references, and they extend over half the time of
+    /// the worn presses.
     pub is_separate: bool,
-    /// Whether at least 10 references show that the drift isn't a straight line in time. Then the line is bent.
-    pub is_bent: bool,
-    /// Whether the worn presses scatter about the model without a trend. Otherwise the gain doesn't change in proportion to the cycles, or
-    /// the drift isn't followed by so few references, and the intervals are too narrow.
+    /// Whether the log of the gain changes in proportion to the cycles. Otherwise the wear is a mean and its interval
+    /// too narrow: the wear becomes slower or faster, or there are fewer than 10 references and a drift that isn't
+    /// straight.
     pub fits: bool,
-    /// Standard deviation of the log of one gain at the worn place about the model.
+    /// Standard deviation of the log of one gain about the model.
     pub residual_sd: f64,
-    /// Number of presses at the worn place, and of references.
+    /// Number of presses at the worn place.
     pub presses: usize,
     /// Number of references.
     pub references: usize,
@@ -85,9 +85,9 @@ pub struct Wear {
 /// # Errors
 /// There are fewer than 5 presses at the worn place, all have the same cycle, or a number isn't finite.
 pub fn wear(cycles: &[CyclePoint]) -> Result<Wear, OverTimeError> {
-    let is_finite = |point: &CyclePoint| point.t_s.is_finite() && point.log_gain.is_finite() && point.cycle.is_finite();
+    let is_finite = |point: &CyclePoint| [point.t_s, point.log_gain, point.cycle].iter().all(|value| value.is_finite());
     if let Some(reading) = cycles.iter().position(|point| !is_finite(point)) {
-        return Err(OverTimeError::NotFinite { reading });
+        return Err(OverTimeError::Reading { reading });
     }
     let mut points = cycles.to_vec();
     points.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
@@ -95,147 +95,112 @@ pub fn wear(cycles: &[CyclePoint]) -> Result<Wear, OverTimeError> {
     if worn.len() < WORN_LEAST {
         return Err(OverTimeError::TooFew { readings: worn.len(), needed: WORN_LEAST });
     }
-    if worn.iter().all(|point| point.cycle == worn[0].cycle) {
-        return Err(OverTimeError::SameCycle);
-    }
+    let span_s = |of: &[CyclePoint]| of[of.len() - 1].t_s - of[0].t_s;
     let is_separate = references.len() >= REFERENCES_LEAST && span_s(&references) > COVER_LEAST * span_s(&worn);
-    if !is_separate {
-        points.retain(|point| !point.is_reference);
-    }
-    let straight = Drift::straight(&points, is_separate);
-    let bent = (is_separate && references.len() >= BENT_LEAST).then(|| straight.bent_at(&references)).flatten();
-    let drift = bent.as_ref().unwrap_or(&straight);
-    let fit = Fit::with_own_noise(&points, drift).ok_or(OverTimeError::SameCycle)?;
+    let used = if is_separate { &points } else { &worn };
+    let ends_s = [used[0].t_s, used[used.len() - 1].t_s];
+    let bends = is_separate.then_some(if references.len() < BENT_LEAST { 0 } else { BENDS });
+    let middle = worn.iter().map(|point| point.cycle).sum::<f64>() / worn.len() as f64;
+    let rows = used.iter().map(|point| (row(point, middle, ends_s, bends), point.log_gain));
+    let curved = Fit::of(rows.clone().collect());
+    let straight = rows.map(|(row, log_gain)| (from_fn(|i| if i == CURVE { 0.0 } else { row[i] }), log_gain)).collect();
+    let is_worn = worn.iter().any(|point| point.cycle != worn[0].cycle);
+    let fit = Fit::of(straight).filter(|_| is_worn).ok_or(OverTimeError::Singular)?;
     Ok(Wear {
         wear_per_cycle: fit.estimate(WEAR),
         drift_per_h: is_separate.then(|| fit.estimate(DRIFT)),
         is_separate,
-        is_bent: bent.is_some(),
-        fits: fit.residuals_are_random(&points),
-        residual_sd: fit.sd(&points),
+        fits: curved.is_none_or(|fit| fit.parameters[CURVE].abs() <= CURVE_MOST * fit.half(CURVE)),
+        residual_sd: fit.sd,
         presses: worn.len(),
         references: references.len(),
     })
 }
 
-fn span_s(sorted: &[CyclePoint]) -> f64 {
-    sorted.first().zip(sorted.last()).map_or(0.0, |(first, last)| last.t_s - first.t_s)
+/// Returns the factors of the parameters in the log of a gain. `middle` is the mean cycle, which makes the curve
+/// independent of the wear. `ends_s` has the times of the first and the last press. A bend is 0 at both, so the drift
+/// is the mean one. It is left out without a number of bends.
+fn row(point: &CyclePoint, middle: f64, [first_s, last_s]: [f64; 2], bends: Option<usize>) -> [f64; PARAMETERS] {
+    let mut row = [0.0; PARAMETERS];
+    match point.is_reference {
+        true => row[REFERENCE] = 1.0,
+        false => [row[0], row[WEAR], row[CURVE]] = [1.0, point.cycle - middle, (point.cycle - middle).powi(2)],
+    }
+    if let Some(bends) = bends {
+        row[DRIFT] = (point.t_s - first_s) / 3600.0;
+        let share = (point.t_s - first_s) / (last_s - first_s);
+        for bend in 1..=bends {
+            let at = bend as f64 / (BENDS + 1) as f64;
+            row[DRIFT + bend] = (share / at).min((1.0 - share) / (1.0 - at));
+        }
+    }
+    row
 }
 
-/// Shape of the drift over time.
-struct Drift {
-    is_known: bool,
-    first_s: f64,
-    last_s: f64,
-    /// Times of the bends; none for a straight line.
-    bends_s: Vec<f64>,
-}
-
-impl Drift {
-    fn straight(sorted: &[CyclePoint], is_known: bool) -> Drift {
-        let first_s = sorted.first().map_or(0.0, |point| point.t_s);
-        Drift { is_known, first_s, last_s: first_s + span_s(sorted), bends_s: Vec::new() }
-    }
-
-    /// The line bent at some of the references, if they show that it isn't straight. Worn presses don't decide, because wear that isn't
-    /// proportional to the cycles would look like a bend.
-    fn bent_at(&self, references: &[CyclePoint]) -> Option<Drift> {
-        let at = |bend: usize| references[bend * references.len() / (BENDS + 1)].t_s;
-        let bent = Drift { bends_s: (1..=BENDS).map(at).collect(), ..*self };
-        let (with, without) = (Fit::of(references, &bent)?, Fit::of(references, self)?);
-        (by_chance(with.squares, without.squares, BENDS, with.freedom) < CHANCE).then_some(bent)
-    }
-
-    /// Factors of the parameters in the log of a gain. A bend is 0 at the first and the last press, so the drift is the mean one.
-    fn row(&self, point: &CyclePoint) -> [f64; PARAMETERS] {
-        let mut row = [0.0; PARAMETERS];
-        match point.is_reference {
-            true => row[1] = 1.0,
-            false => [row[0], row[WEAR]] = [1.0, point.cycle],
-        }
-        if self.is_known {
-            row[DRIFT] = (point.t_s - self.first_s) / 3600.0;
-        }
-        for (factor, bend_s) in row[DRIFT + 1..].iter_mut().zip(&self.bends_s) {
-            let rising = (point.t_s - self.first_s) / (bend_s - self.first_s);
-            *factor = rising.min((self.last_s - point.t_s) / (self.last_s - bend_s));
-        }
-        row
-    }
-}
-
-/// Least-squares fit with a drift.
+/// Least-squares fit.
 struct Fit {
     parameters: [f64; PARAMETERS],
-    /// Variance of each parameter, by the variances of the noise that were assumed.
-    variances: [f64; PARAMETERS],
-    residuals: Vec<f64>,
-    /// Sum of the squared residuals, and the number of points minus that of parameters.
-    squares: f64,
-    freedom: usize,
+    /// Variance of each parameter by the noise of the worn place, and by that of the reference.
+    variances: [[f64; 2]; PARAMETERS],
+    /// Degrees of freedom of both noises.
+    freedoms: [f64; 2],
+    /// Standard deviation of one log of a gain at the worn place.
+    sd: f64,
 }
 
 impl Fit {
-    /// Fits points of one noise. `None` if they don't determine the parameters, or leave no degree of freedom.
-    fn of(points: &[CyclePoint], drift: &Drift) -> Option<Fit> {
-        Fit::weighted(points, drift, [1.0; 2])
-    }
-
-    /// Fits points whose noise differs between the worn place and the reference. The references are few, so their degrees of freedom count
-    /// in the intervals.
-    fn with_own_noise(points: &[CyclePoint], drift: &Drift) -> Option<Fit> {
-        let first = Fit::of(points, drift)?;
-        let references = points.iter().filter(|point| point.is_reference).count();
-        let drifts = 1 + drift.bends_s.len();
+    /// Fits rows, each with its log of the gain. The noise of the worn place and that of the reference are estimated separately. `None` if the
+    /// rows don't determine the parameters, or leave no degree of freedom.
+    fn of(rows: Vec<([f64; PARAMETERS], f64)>) -> Option<Fit> {
+        let group = |row: &[f64; PARAMETERS]| usize::from(row[REFERENCE] != 0.0);
+        let weighted = |variances: [f64; 2]| {
+            LeastSquares::of(rows.iter().map(|(row, log_gain)| (*row, *log_gain, 1.0 / variances[group(row)])))
+        };
+        let is_used = |parameter: &usize| rows.iter().any(|(row, _)| row[*parameter] != 0.0);
+        let of_drift = (DRIFT..PARAMETERS).filter(is_used).count();
+        let references = rows.iter().filter(|(row, _)| group(row) == 1).count();
+        let own = (0..DRIFT).filter(is_used).count() - usize::from(references > 0);
+        // the few references determine the drift
         let freedoms = match references {
-            0 => [first.freedom, 1],
-            _ => [points.len() - references - 2, references.saturating_sub(1 + drifts).max(1)],
+            0 => [rows.len().checked_sub(own + of_drift)?, 1],
+            _ => [(rows.len() - references).checked_sub(own)?, references.checked_sub(1 + of_drift)?],
         };
-        let variance = |of_reference: bool, freedom: usize| {
-            let squares = first.residuals.iter().zip(points).filter(|(_, point)| point.is_reference == of_reference);
-            squares.map(|(residual, _)| residual * residual).sum::<f64>() / freedom.max(1) as f64
-        };
-        // outputs that repeat exactly still have the rounding of their records
-        let variances = [false, true].map(|is| variance(is, freedoms[usize::from(is)]).max(VARIANCE_LEAST));
-        let freedom = if references == 0 { freedoms[0] } else { freedoms[0].min(freedoms[1]) };
-        Some(Fit { freedom, ..Fit::weighted(points, drift, variances)? })
+        if freedoms.contains(&0) {
+            return None;
+        }
+        let [first, _] = weighted([1.0; 2]).solve()?;
+        let mut squares = [0.0; 2];
+        for (row, log_gain) in &rows {
+            squares[group(row)] += (log_gain - product(row, &first)).powi(2);
+        }
+        // gains that repeat exactly are still rounded
+        let noises = [0, 1].map(|group| (squares[group] / freedoms[group] as f64).max(VARIANCE_LEAST));
+        let equations = weighted(noises);
+        let ([parameters, _], covariance) = (equations.solve()?, equations.covariance()?);
+        let mut variances = [[0.0; 2]; PARAMETERS];
+        for (row, _) in &rows {
+            for (variance, column) in variances.iter_mut().zip(&covariance) {
+                variance[group(row)] += product(row, column).powi(2) / noises[group(row)];
+            }
+        }
+        Some(Fit { parameters, variances, freedoms: freedoms.map(|freedom| freedom as f64), sd: noises[0].sqrt() })
     }
 
-    /// Fits points with the variance of the noise at the worn place, and at the reference.
-    fn weighted(points: &[CyclePoint], drift: &Drift, variances: [f64; 2]) -> Option<Fit> {
-        let rows = || points.iter().map(|point| (drift.row(point), point.log_gain));
-        let weights = points.iter().map(|point| 1.0 / variances[usize::from(point.is_reference)]);
-        let equations = LeastSquares::of(rows().zip(weights).map(|((row, log_gain), weight)| (row, log_gain, weight)));
-        let (parameters, variances) = (equations.solve()?, equations.variances()?);
-        let solved =
-            |row: [f64; PARAMETERS]| row.iter().zip(parameters).map(|(factor, value)| factor * value).sum::<f64>();
-        let residuals: Vec<f64> = rows().map(|(row, log_gain)| log_gain - solved(row)).collect();
-        let used = (0..PARAMETERS).filter(|&i| rows().any(|(row, _)| row[i] != 0.0)).count();
-        let squares = residuals.iter().map(|residual| residual * residual).sum();
-        let freedom = points.len().checked_sub(used).filter(|freedom| *freedom > 0)?;
-        Some(Fit { parameters, variances, residuals, squares, freedom })
-    }
-
-    /// Standard deviation of the residuals at the worn place.
-    fn sd(&self, points: &[CyclePoint]) -> f64 {
-        let worn = self.residuals.iter().zip(points).filter(|(_, point)| !point.is_reference);
-        let (count, squares) =
-            worn.fold((0.0, 0.0), |(count, squares), (residual, _)| (count + 1.0, squares + residual * residual));
-        (squares / f64::max(count - 2.0, 1.0)).sqrt()
+    /// Half the 95 % interval of a parameter. The degrees of freedom of two noises are combined (Welch and Satterthwaite).
+    fn half(&self, parameter: usize) -> f64 {
+        let [worn, reference] = self.variances[parameter];
+        let variance = worn + reference;
+        let [of_worn, of_reference] = self.freedoms;
+        let freedom = variance.powi(2) / (worn.powi(2) / of_worn + reference.powi(2) / of_reference);
+        interval_sigmas(freedom) * variance.sqrt()
     }
 
     fn estimate(&self, parameter: usize) -> Estimate {
-        let value = self.parameters[parameter];
-        let half = interval_sigmas(self.freedom) * self.variances[parameter].sqrt();
+        let (value, half) = (self.parameters[parameter], self.half(parameter));
         Estimate { value, interval: [value - half, value + half] }
     }
+}
 
-    /// Whether residuals at the worn place differ from one to the next as random ones do (von Neumann). The points are those of the fit.
-    fn residuals_are_random(&self, points: &[CyclePoint]) -> bool {
-        let worn = self.residuals.iter().zip(points).filter(|(_, point)| !point.is_reference);
-        let residuals: Vec<f64> = worn.map(|(residual, _)| *residual).collect();
-        let squares: f64 = residuals.iter().map(|residual| residual * residual).sum();
-        let steps: f64 = residuals.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
-        0.5 * steps >= squares * (1.0 - MISFIT_SIGMAS / (residuals.len() as f64).sqrt())
-    }
+fn product(row: &[f64; PARAMETERS], other: &[f64; PARAMETERS]) -> f64 {
+    row.iter().zip(other).map(|(factor, value)| factor * value).sum()
 }
