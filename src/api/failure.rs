@@ -141,6 +141,10 @@ impl Failure {
                 let help = "find the cause before you continue";
                 Failure::new(FailureKind::Trip, miette::miette!(help = help, "safety trip: {trip}"))
             }
+            Halt::OutOfBounds(text) => {
+                let help = "bring the value within its bounds, then continue with `palpate resume`";
+                Failure::new(FailureKind::Cancelled, miette::miette!(help = help, "{text}"))
+            }
             Halt::Device(error) => Failure::new(FailureKind::Device, error),
             Halt::Record(error) => Failure::new(FailureKind::Record, error),
             Halt::Unconfirmed(why) => Failure::new(FailureKind::Usage, miette::miette!("{why}")),
@@ -164,7 +168,7 @@ impl Failure {
         let parked = match (&halt, &unparked) {
             (_, Some(_)) => Some("the stage could not be parked: move it clear of the specimen by hand".to_owned()),
             (Some(Halt::Tripped(_)), None) => Some("the stage is parked at the end of z's travel".to_owned()),
-            (Some(Halt::Record(_)), None) => Some("the stage is parked".to_owned()),
+            (Some(Halt::Record(_) | Halt::OutOfBounds(_)), None) => Some("the stage is parked".to_owned()),
             _ => None,
         };
         let stage: Vec<String> = parked.into_iter().chain(remaining.text()).collect();

@@ -305,7 +305,9 @@ fn presses_max(text: &str) -> Result<usize, String> {
 
 /// Returns the texts that a rig's drivers read from the rig's folder: register maps and line profiles, by name.
 pub(crate) fn own_texts(spec: &RigSpec) -> BTreeMap<String, String> {
-    let files = [spec.load_cell.driver.own_file(), spec.array.driver.own_file()];
+    let monitors = spec.monitors.iter().map(|monitor| monitor.array.driver.own_file());
+    let roles = [spec.load_cell.driver.own_file(), spec.array.driver.own_file()];
+    let files = roles.into_iter().chain(monitors);
     files.into_iter().flatten().filter_map(own_file).collect()
 }
 

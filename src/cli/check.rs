@@ -11,7 +11,7 @@ use palpate_core::quantity::{Axis, COVERAGE, Limits, Tilt, round};
 use palpate_data::acceptance::{Decision, LimitCheck, SensorVerdict};
 use palpate_data::dataset::{Truths, foreseen};
 use palpate_data::recipe::{Entry, Phase, Plan, Recipe};
-use palpate_run::rig::RigSpec;
+use palpate_run::rig::{RigSpec, TEMPERATURE};
 use palpate_run::run::{estimated_s, expected_checks, first_descent};
 use palpate_solver::SEVERAL_DEPTHS;
 use serde_json::{Value, json};
@@ -117,6 +117,12 @@ fn warnings(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
             "the largest force may exceed the limit by the load cell's error: lower it, or raise `limits.force_n`"
                 .to_owned(),
         );
+    }
+    let effect = rig.load_cell.certificate.as_ref().and_then(|certificate| certificate.temperature);
+    if effect.is_some() && rig.monitors.iter().all(|monitor| monitor.name != TEMPERATURE) {
+        warnings.push(format!(
+            "`temperature_percent_per_c` of the load cell isn't in `u_force_n`: no [[monitor]] has the name `{TEMPERATURE}`"
+        ));
     }
     warnings.extend(of_steps(plan, rig));
     warnings

@@ -10,6 +10,7 @@ use crate::api::run::block_on;
 use miette::Diagnostic;
 use palpate_control::{MainsInterference, Reaction, Trip};
 use palpate_core::quantity::AxesCheck;
+use palpate_data::dataset::MonitorValue;
 use palpate_drivers::lines::ForceCounts;
 use palpate_link::device::{Identity, shown};
 use palpate_run::rig::{GAIN_UNKNOWN, RigSpec};
@@ -165,6 +166,9 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             Err(_) => writeln!(text, "{role:<11}fails: see below"),
         };
     }
+    for (monitor, MonitorValue { name, value, .. }) in &found.monitors {
+        text += &beside("monitor", 11, &format!("{name} is {value}, read by {}", monitor.identity));
+    }
     if let Some((_, Err(why))) = &found.counts {
         let _ = writeln!(text, "{:<11}its web page doesn't confirm the counts per N: {why}", "");
     }
@@ -283,6 +287,11 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
             }
         }
     }
+    for (spec, (monitor, MonitorValue { value, .. })) in spec.monitors.iter().zip(&found.monitors) {
+        let outside = (!spec.admits(*value)).then(|| format!("{value} is outside its `bounds`: a run would wait"));
+        let warnings = monitor.warnings.iter().chain(&outside);
+        advice.extend(warnings.map(|warning| format!("{}: {warning}", monitor.role)));
+    }
     if let Some((of_rig, Ok(stated))) = &found.counts {
         advice.extend(other_counts(*of_rig, stated));
     }
@@ -376,6 +385,9 @@ fn histogram(seconds: &[f64]) -> String {
 #[derive(Serialize)]
 struct DoctorJson<'a> {
     devices: Vec<ExaminedDevice<'a>>,
+    /// Identity and value of each monitor.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    monitors: &'a [(Identity, MonitorValue)],
     zero_n: Option<f64>,
     noise_n: Option<f64>,
     fresh_share: Option<f64>,
@@ -413,6 +425,7 @@ fn json<'a>(
     };
     let no_load = found.no_load.as_ref().and_then(|no_load| no_load.as_ref().ok());
     DoctorJson {
+        monitors: &found.monitors,
         devices: found.devices.iter().zip(&found.exchanges_s).map(device).collect(),
         zero_n: no_load.map(|no_load| no_load.zero.offset_n),
         noise_n: no_load.map(|no_load| no_load.zero.sigma_n),

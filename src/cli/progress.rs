@@ -211,6 +211,10 @@ impl Listener for Progress<'_> {
         self.bar.suspend(|| check_weight::ask(ask));
     }
 
+    fn waits(&mut self, text: &str) {
+        self.line(text);
+    }
+
     fn rests(&mut self, seconds: f64) {
         lock(&self.shown).message = format!("rest {seconds:.0} s");
     }

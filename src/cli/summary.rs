@@ -46,7 +46,7 @@ pub(super) fn ended(folder: &RunFolder, virtual_time: bool, is_full: bool) -> St
     }
     if is_full && manifest.presses_done > 0 {
         let there: Vec<&str> = TABLES.into_iter().filter(|name| folder.path().join(name).is_file()).collect();
-        let _ = writeln!(text, "its tables:\n{}", there.join(" ")); // all of them are 80 columns wide
+        text += &format!("its tables:\n{}", filled(&there.join(" "), ""));
     }
     text
 }

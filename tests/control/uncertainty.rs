@@ -48,7 +48,7 @@ fn twice_the_stated_uncertainty_covers_the_error_as_often_as_it_says() {
                 StatedError::Relative { u_percent: U_PERCENT, k: COVERAGE }
             };
             spec.load_cell.certificate =
-                Some(LoadCellCertificate { number: "1".into(), date: "2026-05-04".into(), stated });
+                Some(LoadCellCertificate { number: "1".into(), date: "2026-05-04".into(), stated, temperature: None });
             let executed = executed(&spec, &plan(&spec, &recipe, nth + 1));
             let Ending { halt: None, unparked: None, .. } = executed.ending else { panic!("{:?}", executed.ending) };
             let of = |contact: &palpate_data::dataset::RecordedContact| {

@@ -10,6 +10,7 @@ mod emulate;
 mod endings;
 mod lines;
 mod lost_records;
+mod monitors;
 mod rig_checks;
 mod rigs;
 mod unplugged;

@@ -8,6 +8,7 @@ mod damage;
 mod drags;
 mod foreign;
 mod kills;
+mod monitors;
 mod owner;
 mod pauses;
 mod provenance;

@@ -221,7 +221,9 @@ pub fn end_of(ending: &Ending) -> &'static str {
         None => "-",
         Some(Halt::Tripped(trip)) => trip.rule.name(),
         Some(Halt::Device(_)) => "device",
-        Some(Halt::Cancelled | Halt::Record(_) | Halt::Unconfirmed(_)) => panic!("{:?}", ending.text()),
+        Some(Halt::Cancelled | Halt::OutOfBounds(_) | Halt::Record(_) | Halt::Unconfirmed(_)) => {
+            panic!("{:?}", ending.text())
+        }
     }
 }
 

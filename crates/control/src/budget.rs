@@ -21,6 +21,10 @@ pub struct UncertaintyBudget {
     pub resolution_n: f64,
     /// Remainder of the mains interference (type B, arcsine).
     pub hum_n: f64,
+    /// Change of the load cell's sensitivity since its calibration, by the temperature (type B, rectangular). `None` if its certificate states
+    /// no change, or the temperature isn't monitored.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_n: Option<f64>,
 }
 
 /// Data that a force was averaged from.
@@ -50,25 +54,27 @@ impl UncertaintyBudget {
         let resolution_n = if zero.noise_n < zero.step_n { step_n } else { step_n / f64::from(readings.max(1)).sqrt() };
         let hum_n = zero.mains.map_or(0.0, |mains| mains.left_n(seconds));
         let zero_n = (noise_2 + moved_2.max(0.0) / 12.0).sqrt();
-        UncertaintyBudget { cell_n, zero_n, noise_n: of_mean(readings), resolution_n, hum_n }
+        UncertaintyBudget { cell_n, zero_n, noise_n: of_mean(readings), resolution_n, hum_n, temperature_n: None }
     }
 
     /// Returns the combined standard uncertainty, N; `None` if the load cell's uncertainty is unknown.
     pub fn u_n(&self) -> Option<f64> {
-        let UncertaintyBudget { cell_n, zero_n, noise_n, resolution_n, hum_n } = *self;
-        Some([cell_n?, zero_n, noise_n, resolution_n, hum_n].iter().map(|part| part * part).sum::<f64>().sqrt())
+        let UncertaintyBudget { cell_n, zero_n, noise_n, resolution_n, hum_n, temperature_n } = *self;
+        let parts = [cell_n?, zero_n, noise_n, resolution_n, hum_n, temperature_n.unwrap_or_default()];
+        Some(parts.iter().map(|part| part * part).sum::<f64>().sqrt())
     }
 
     /// Returns the budget of the force multiplied by a factor.
     #[must_use]
     pub fn times(self, factor: f64) -> UncertaintyBudget {
-        let UncertaintyBudget { cell_n, zero_n, noise_n, resolution_n, hum_n } = self;
+        let UncertaintyBudget { cell_n, zero_n, noise_n, resolution_n, hum_n, temperature_n } = self;
         UncertaintyBudget {
             cell_n: cell_n.map(|n| factor * n),
             zero_n: factor * zero_n,
             noise_n: factor * noise_n,
             resolution_n: factor * resolution_n,
             hum_n: factor * hum_n,
+            temperature_n: temperature_n.map(|n| factor * n),
         }
     }
 
@@ -76,13 +82,14 @@ impl UncertaintyBudget {
     #[must_use]
     pub fn rounded(self) -> UncertaintyBudget {
         let rounded = |n: f64| round(n, 7);
-        let UncertaintyBudget { cell_n, zero_n, noise_n, resolution_n, hum_n } = self;
+        let UncertaintyBudget { cell_n, zero_n, noise_n, resolution_n, hum_n, temperature_n } = self;
         UncertaintyBudget {
             cell_n: cell_n.map(rounded),
             zero_n: rounded(zero_n),
             noise_n: rounded(noise_n),
             resolution_n: rounded(resolution_n),
             hum_n: rounded(hum_n),
+            temperature_n: temperature_n.map(rounded),
         }
     }
 }
@@ -111,6 +118,8 @@ mod tests {
             None,
             "an uncertainty without the cell's own would be a lie"
         );
+        let warm = UncertaintyBudget { temperature_n: Some(0.003), ..budget };
+        assert!((warm.u_n().unwrap() - u_n.hypot(0.003)).abs() < 1e-15);
         let moved = UncertaintyBudget::of(&averaged(0.010), &zero, None);
         assert!((moved.zero_n - 0.010 / 12f64.sqrt()).abs() < 2e-5, "{moved:?}");
     }

@@ -299,7 +299,9 @@ impl ItemOutcome {
         let status = ending.status();
         let reasons = ending.text().into_iter().collect();
         let is_fatal = ending.unparked.is_some() || matches!(ending.halt, Some(Halt::Record(_) | Halt::Unconfirmed(_)));
-        let failure = (status != Status::Stopped).then(|| Failure::ended(ending));
+        // a person knows why they stopped it
+        let is_cancelled = matches!(ending, Ending { halt: Some(Halt::Cancelled), unparked: None, .. });
+        let failure = (!is_cancelled).then(|| Failure::ended(ending));
         ItemOutcome {
             status,
             runs,

@@ -16,6 +16,26 @@ pub struct LoadCellCertificate {
     pub date: String,
     /// Stated error of a reading.
     pub stated: StatedError,
+    /// Change of the sensitivity with the temperature, if it is stated.
+    pub temperature: Option<TemperatureEffect>,
+}
+
+/// Largest change of a load cell's sensitivity with its temperature.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TemperatureEffect {
+    /// Change either way, percent of the reading per degree Celsius.
+    pub percent_per_c: f64,
+    /// Temperature at the calibration, degrees Celsius.
+    pub calibrated_at_c: f64,
+}
+
+impl TemperatureEffect {
+    /// Standard uncertainty of a force of this size at a temperature, N. No reading is corrected: any change of the sensitivity up to the
+    /// stated one is equally likely.
+    pub fn standard_uncertainty_n(&self, force_n: f64, temperature_c: f64) -> f64 {
+        let change = self.percent_per_c / 100.0 * (temperature_c - self.calibrated_at_c);
+        (change * force_n).abs() / 3f64.sqrt()
+    }
 }
 
 /// Error of a reading, as stated in a certificate.
@@ -172,7 +192,7 @@ mod tests {
     use super::*;
 
     fn certificate(stated: StatedError) -> LoadCellCertificate {
-        LoadCellCertificate { number: "1".to_owned(), date: "2026-05-04".to_owned(), stated }
+        LoadCellCertificate { number: "1".to_owned(), date: "2026-05-04".to_owned(), stated, temperature: None }
     }
 
     fn check(gain: f64, adjusted: bool) -> WeightCheck {
@@ -186,6 +206,15 @@ mod tests {
             date: "2026-05-04".to_owned(),
             adjusted,
         }
+    }
+
+    #[test]
+    fn a_change_of_temperature_widens_the_uncertainty_in_proportion_either_way() {
+        let effect = TemperatureEffect { percent_per_c: -0.05, calibrated_at_c: 21.0 };
+        let u_n = effect.standard_uncertainty_n(2.0, 25.0);
+        assert!((u_n - 0.0005 * 4.0 * 2.0 / 3f64.sqrt()).abs() < 1e-15, "{u_n}");
+        assert_eq!(effect.standard_uncertainty_n(-2.0, 17.0), u_n);
+        assert_eq!(effect.standard_uncertainty_n(2.0, 21.0), 0.0);
     }
 
     #[test]

@@ -23,7 +23,8 @@ mod tilt;
 pub use abilities::StageAbilities;
 pub use cells::cell_centres;
 pub use certificate::{
-    AxesCheck, COVERAGE, CROSSTALK_MOST, GAIN_OFF_MOST, LoadCellCertificate, StageCertificate, StatedError, WeightCheck,
+    AxesCheck, COVERAGE, CROSSTALK_MOST, GAIN_OFF_MOST, LoadCellCertificate, StageCertificate, StatedError,
+    TemperatureEffect, WeightCheck,
 };
 pub use ewma::Ewma;
 pub use frame::{Axis, Down, Frame, Place, Position};

@@ -46,7 +46,7 @@ pub struct Manifest {
     /// Rule that was broken, in a tripped run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trip: Option<Trip>,
-    /// Cause of failure, in a failed run.
+    /// Cause of failure in a failed run, or monitored value that stopped the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
     /// Whether the rig knows a weight for its load cell, and the load cell wasn't checked with it after the run.

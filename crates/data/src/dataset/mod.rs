@@ -75,11 +75,12 @@ pub use over_time::followed;
 pub use over_time::{Cycled, Followed, cycled};
 use palpate_core::quantity::round;
 pub use places::SAME_PLACE_MM;
-pub use press::{COLUMNS, OUTPUTS, Press, PressColumn, output_name};
+pub use press::{COLUMNS, OUTPUTS, Press, PressColumn, is_press_column, output_name};
 pub use press::{Presence, RunColumns};
 pub use presses::Presses;
 pub use record::{
-    FollowedTime, Left, NoLoad, Peaks, PressTruth, Record, RecordedContact, RecordedSurface, Retouch, SurfaceFinder,
+    FollowedTime, Left, MonitorValue, NoLoad, Peaks, PressTruth, Record, RecordedContact, RecordedSurface, Retouch,
+    SurfaceFinder,
 };
 pub use recorded::{Recorded, Texts, journal_sha256, source_fingerprint};
 pub use series::{

@@ -157,6 +157,11 @@ pub fn output_name(channel: usize) -> String {
     format!("out_{channel}")
 }
 
+/// Whether a column of the table of presses has this name, or the column of a channel would have it.
+pub fn is_press_column(name: &str) -> bool {
+    name.starts_with("out_") || COLUMNS.iter().any(|column| column.name == name)
+}
+
 impl Press {
     /// Returns the place of the press, specimen frame.
     pub fn place(&self) -> Place {

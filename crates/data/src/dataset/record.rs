@@ -92,7 +92,11 @@ impl Logged for Record {
             Record::Check(check) => Some(&check.contact),
             record => record.contact(),
         };
-        match contact.is_none_or(|contact| contact.levels.iter().all(Press::is_finite)) {
+        let is_finite = |contact: &RecordedContact| {
+            let monitors = contact.monitors.iter().all(|monitor| monitor.value.is_finite());
+            monitors && contact.levels.iter().all(Press::is_finite)
+        };
+        match contact.is_none_or(is_finite) {
             true => Ok(()),
             false => Err("not a finite number".to_owned()),
         }
@@ -124,6 +128,9 @@ pub struct RecordedContact {
     /// State from which the next press begins; `None` after the last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left: Option<Left>,
+    /// Values of the rig's monitors at the contact, in the order of the rig.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub monitors: Vec<MonitorValue>,
     /// Times in which all devices were read after the last level.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub followed: Vec<FollowedTime>,
@@ -137,6 +144,17 @@ impl RecordedContact {
     pub fn t_s(&self) -> Option<f64> {
         self.levels.iter().filter_map(|press| press.t_s).reduce(f64::max)
     }
+}
+
+/// Value of a monitor, which was read without load before a contact.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MonitorValue {
+    /// Name of the monitor, which ends in its unit.
+    pub name: String,
+    /// The value, rounded to 6 decimals.
+    pub value: f64,
+    /// Time of the reading, s since the run's start. Several contacts may have one reading.
+    pub t_s: f64,
 }
 
 /// Time in which all devices were read, at rest or in a motion.

@@ -120,7 +120,7 @@ pub fn is_label(text: &str) -> bool {
 pub enum Status {
     /// Every entry of the plan is on disk.
     Complete,
-    /// A person stopped the run, or it is still in progress.
+    /// A person or a monitored value stopped the run, or it is still in progress.
     #[default]
     Stopped,
     /// A safety rule was broken.
@@ -275,7 +275,7 @@ pub struct SessionEnd {
     pub ended: String,
     /// Duration in real time, s.
     pub wall_s: f64,
-    /// Cause of failure, in a failed run.
+    /// Cause of failure in a failed run, or monitored value that stopped the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
     /// Whether the rig knows a weight for its load cell, and the load cell wasn't checked with it after the run.

@@ -3,15 +3,16 @@
 use super::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use super::files::{self, Draft};
 use super::press::{RunColumns, csv_header, csv_line};
-use super::{DatasetError, Peaks, Press, PressTruth, RecordedContact, RecordedContacts, round};
+use super::{DatasetError, MonitorValue, Peaks, Press, PressTruth, RecordedContact, RecordedContacts, round};
 use crate::recipe::Phase;
 use palpate_core::quantity::ArrayLayout;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// File names: table of all presses, table of the true forces of a simulated run, and characteristics of each unit.
+/// File names: table of all presses, table of the true forces of a simulated run, values of the monitors, and characteristics of each unit.
 pub(super) const PRESSES: &str = "presses.csv";
 pub(super) const SCENE: &str = "scene.csv";
+const MONITORS: &str = "monitors.csv";
 const CHARACTERISTICS: &str = "characteristics.csv";
 
 /// Tables that have one column for each point.
@@ -19,7 +20,7 @@ pub(super) const MATRICES: [(Phase, &str); 2] =
     [(Phase::Calibration, "calibration_matrix.csv"), (Phase::Test, "test_matrix.csv")];
 
 /// All tables a run may have.
-pub const TABLES: [&str; 5] = [PRESSES, CHARACTERISTICS, MATRICES[0].1, MATRICES[1].1, SCENE];
+pub const TABLES: [&str; 6] = [PRESSES, CHARACTERISTICS, MATRICES[0].1, MATRICES[1].1, SCENE, MONITORS];
 
 /// Largest number of outputs that are held at once to turn columns into rows: 8 MB.
 const OUTPUTS_MAX: usize = 1 << 19;
@@ -35,7 +36,7 @@ pub(super) fn write<'a>(
     trips: &[(Option<u64>, Peaks)],
 ) -> Result<(), DatasetError> {
     let mut presses = TableFile::new(folder, PRESSES)?;
-    let mut scene: Option<TableFile> = None;
+    let (mut scene, mut monitors): (Option<TableFile>, Option<TableFile>) = (None, None);
     // a reading for each level of the characterisation only, of one unit: its statistics need it
     let mut staircases = Staircases::none(layout);
     let mut matrices = MATRICES.map(|(phase, name)| (phase, name, 0));
@@ -48,17 +49,22 @@ pub(super) fn write<'a>(
         }
         staircases.add_contact(&contact, layout);
         if !contact.truth.is_empty() {
-            opened(&mut scene, folder)?.write(&scene_lines(&contact))?;
+            opened(&mut scene, folder, SCENE, SCENE_HEADER)?.write(&scene_lines(&contact))?;
+        }
+        if !contact.monitors.is_empty() {
+            opened(&mut monitors, folder, MONITORS, MONITORS_HEADER)?.write(&monitor_lines(&contact))?;
         }
     }
     for (press, Peaks { force_peak_n, depth_peak_mm }) in trips {
         let press = press.map_or_else(String::new, |press| press.to_string());
-        opened(&mut scene, folder)?.write(&format!("{press},trip,,{force_peak_n},{depth_peak_mm}\n"))?;
+        opened(&mut scene, folder, SCENE, SCENE_HEADER)?
+            .write(&format!("{press},trip,,{force_peak_n},{depth_peak_mm}\n"))?;
     }
     presses.publish()?;
     let staircases = staircases.some();
     let follows = |name: &str| match name {
         SCENE => scene.is_some(),
+        MONITORS => monitors.is_some(),
         CHARACTERISTICS => staircases.is_some(),
         _ => name == PRESSES || matrices.iter().any(|(_, matrix, points)| *matrix == name && *points > 0),
     };
@@ -76,7 +82,7 @@ pub(super) fn write<'a>(
     if let Some(staircases) = staircases {
         replace(folder, CHARACTERISTICS, &characteristics(&staircases))?;
     }
-    scene.map_or(Ok(()), TableFile::publish)
+    scene.into_iter().chain(monitors).try_for_each(TableFile::publish)
 }
 
 /// Writes a matrix with a row for each channel, a column for each point, and no header: the paper's calibration matrix. The
@@ -199,12 +205,18 @@ fn characteristics(staircases: &Staircases) -> String {
 }
 
 const SCENE_HEADER: &str = "press,level,force_true_n,force_peak_n,depth_peak_mm\n";
+const MONITORS_HEADER: &str = "press,name,t_s,value\n";
 
-/// Returns the scene's table, which is created with its first row.
-fn opened<'t>(scene: &'t mut Option<TableFile>, folder: &Path) -> Result<&'t mut TableFile, DatasetError> {
-    match scene {
-        Some(scene) => Ok(scene),
-        None => Ok(scene.insert(TableFile::with(folder, SCENE, SCENE_HEADER)?)),
+/// Returns a table that is created with its first row.
+fn opened<'t>(
+    table: &'t mut Option<TableFile>,
+    folder: &Path,
+    name: &str,
+    header: &str,
+) -> Result<&'t mut TableFile, DatasetError> {
+    match table {
+        Some(table) => Ok(table),
+        None => Ok(table.insert(TableFile::with(folder, name, header)?)),
     }
 }
 
@@ -214,6 +226,15 @@ fn scene_lines(contact: &RecordedContact) -> String {
         format!("{},{},{force_true_n},{force_peak_n},{depth_peak_mm}\n", press.press, press.level)
     };
     contact.levels.iter().zip(&contact.truth).map(line).collect()
+}
+
+/// No cell needs quotation marks: a rig allows no other characters in a name than letters, digits and underscores.
+fn monitor_lines(contact: &RecordedContact) -> String {
+    let line = |monitor: &MonitorValue| {
+        let MonitorValue { name, t_s, value } = monitor;
+        format!("{},{name},{t_s},{value}\n", contact.press)
+    };
+    contact.monitors.iter().map(line).collect()
 }
 
 /// Table that is being written and is then renamed to its final path.

@@ -9,7 +9,7 @@ use palpate_core::quantity::{Health, Range};
 use palpate_document::{self as document, Key, Problem, Problems, Table};
 
 /// Profiles included with the program: name and text.
-pub const SHIPPED: [(&str, &str); 8] = [
+pub const SHIPPED: [(&str, &str); 9] = [
     ("hx711", include_str!("../../../../profiles/lines/hx711.toml")),
     ("mark-10", include_str!("../../../../profiles/lines/mark-10.toml")),
     ("ati-netft", include_str!("../../../../profiles/lines/ati-netft.toml")),
@@ -18,6 +18,7 @@ pub const SHIPPED: [(&str, &str); 8] = [
     ("reskin", include_str!("../../../../profiles/lines/reskin.toml")),
     ("mlx90393-text", include_str!("../../../../profiles/lines/mlx90393-text.toml")),
     ("velostat-16", include_str!("../../../../profiles/lines/velostat-16.toml")),
+    ("one-number", include_str!("../../../../profiles/lines/one-number.toml")),
 ];
 
 /// How a device's readings look, and what their numbers mean. Columns are counted from 0.

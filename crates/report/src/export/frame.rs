@@ -5,7 +5,7 @@
 use palpate_core::quantity::ArrayLayout;
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use palpate_data::dataset::{
-    CHARACTERISTIC_COLUMNS, COLUMNS, CellType, CellValue, OUTPUTS, Press, PressTruth, Presses, Recorded,
+    CHARACTERISTIC_COLUMNS, COLUMNS, CellType, CellValue, MonitorValue, OUTPUTS, Press, PressTruth, Presses, Recorded,
     RecordedContact, RunColumns, output_name,
 };
 use palpate_data::recipe::Phase;
@@ -53,7 +53,7 @@ pub enum Values {
 /// Definition of the matrices' columns of outputs.
 const OUTPUT: &str = "Mean output of the channel in the window minus its output without load, in the array's unit.";
 
-/// Returns every frame that a run has: presses, matrices, characteristics and truth. Frames without rows are left out, except
+/// Returns every frame that a run has: presses, matrices, characteristics, truth and monitors. Frames without rows are left out, except
 /// the presses.
 pub fn all(run: &Recorded, bench: &Bench) -> Vec<ExportTable> {
     let others = [
@@ -61,6 +61,7 @@ pub fn all(run: &Recorded, bench: &Bench) -> Vec<ExportTable> {
         Some(matrix(run, bench, Phase::Test)),
         characteristics(run, &bench.layout),
         Some(truth(run)),
+        Some(monitors(run)),
     ];
     let others = others.into_iter().flatten().filter(|frame| frame.rows > 0);
     std::iter::once(presses(run, bench)).chain(others).collect()
@@ -153,6 +154,24 @@ pub fn truth(run: &Recorded) -> ExportTable {
         ),
     ];
     ExportTable { name: "truth", rows: rows.len(), columns }
+}
+
+/// Returns the values of the monitors at each press, as in `monitors.csv`.
+pub fn monitors(run: &Recorded) -> ExportTable {
+    let mut rows: Vec<(i64, &MonitorValue)> = Vec::new();
+    for contact in &run.contacts {
+        rows.extend(contact.monitors.iter().map(|monitor| (contact.press as i64, monitor)));
+    }
+    rows.sort_by_key(|(press, _)| *press); // stable: the monitors of a press stay in their order
+    let number = |of: fn(&MonitorValue) -> f64| Values::F64(rows.iter().map(|(_, monitor)| of(monitor)).collect());
+    let names = rows.iter().map(|(_, monitor)| Some(Cow::Owned(monitor.name.clone()))).collect();
+    let columns = vec![
+        TableColumn::new("press", definition("press"), Values::I64(rows.iter().map(|(press, _)| *press).collect())),
+        TableColumn::new("name", "Name of the monitor, which ends in the unit of its value.", Values::Text(names)),
+        TableColumn::new("t_s", "Time of the reading, s since the run's start.", number(|monitor| monitor.t_s)),
+        TableColumn::new("value", "Value, read without load before the press.", number(|monitor| monitor.value)),
+    ];
+    ExportTable { name: "monitors", rows: rows.len(), columns }
 }
 
 /// Returns the manifest of a run as a JSON object.

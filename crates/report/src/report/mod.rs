@@ -15,6 +15,7 @@ mod figures;
 mod frame;
 mod headline;
 mod judged;
+mod monitors;
 mod numbers;
 #[cfg(feature = "files")]
 mod over_time;
@@ -58,6 +59,7 @@ pub fn page(subject: &Subject, judged: &SensorResults) -> Page {
     ];
     let about_the_run = [
         record::section(subject),
+        monitors::section(subject),
         uncertainty::section(subject).map(Section::from),
         facts::section(subject).map(Section::from),
     ];

@@ -50,7 +50,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
     let drawn: Vec<PageFigure> = drawn
         .into_iter()
         .filter_map(|(stem, title, label, points, is_about_0)| {
-            by_press(title, label, points, is_about_0)?.named(stem).into()
+            by_press(title, label, points, is_about_0, 0.0)?.named(stem).into()
         })
         .collect();
     let before = html! {
@@ -152,7 +152,7 @@ fn times_s(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
 }
 
 /// Returns all contacts with their numbers in the page, from 1.
-fn presses(runs: &[Recorded]) -> impl Iterator<Item = (f64, &RecordedContact)> {
+pub(super) fn presses(runs: &[Recorded]) -> impl Iterator<Item = (f64, &RecordedContact)> {
     runs.iter().flat_map(|run| &run.contacts).enumerate().map(|(index, contact)| ((index + 1) as f64, contact))
 }
 
@@ -160,13 +160,20 @@ fn look(hue: Hue, shape: Shape) -> Look {
     Look { hue, shape: Some(shape), filled: false, line: LineStyle::None }
 }
 
-/// Returns one panel of points by press, with a mark for each phase that has points. `None` if there are no points.
-fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], is_about_0: bool) -> Option<PageFigure> {
+/// Returns one panel of points by press, with a mark for each phase that has points. The upright axis begins at `from`, or at a smaller
+/// value. `None` if there are no points.
+pub(super) fn by_press(
+    title: &str,
+    label: &str,
+    points: &[(Phase, f64, f64)],
+    is_about_0: bool,
+    from: f64,
+) -> Option<PageFigure> {
     let value = |(_, _, value): &(Phase, f64, f64)| *value;
     let largest = points.iter().map(value).reduce(f64::max)?;
     let most = if is_about_0 { largest.max(0.0) } else { largest };
-    let least = points.iter().map(value).fold(0.0, f64::min);
-    let room = 0.05 * (most - least).max(f64::MIN_POSITIVE);
+    let least = points.iter().map(value).fold(from, f64::min);
+    let room = if most > least { 0.05 * (most - least) } else { 0.5 };
     let last = points.iter().map(|(_, press, _)| *press).fold(1.0, f64::max);
     let mut marks: Vec<Mark> = Vec::new();
     let mut legend = Vec::new();
@@ -183,7 +190,7 @@ fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], is_about_0: 
         marks.push(Mark::Level(0.0, String::new()));
     }
     let x = ChartAxis::count("press", (0.0, 1.02 * last));
-    let y = ChartAxis::linear(label, (least - if least < 0.0 { room } else { 0.0 }, most + room));
+    let y = ChartAxis::linear(label, (least - if least == 0.0 { 0.0 } else { room }, most + room));
     let grid = Some(Grid { columns: 1, width_px: super::figures::WIDTH_PX, shared: false });
     let panels = vec![Panel { x, y, marks }];
     let figure =

@@ -11,7 +11,7 @@ use palpate_data::dataset::Recorded;
 type BudgetPart = (&'static str, &'static str, fn(&UncertaintyBudget) -> Option<f64>);
 
 /// Parts in the order in which they are listed.
-const PARTS: [BudgetPart; 5] = [
+const PARTS: [BudgetPart; 6] = [
     ("load cell", "its certificate, or a check with a known weight", |budget| budget.cell_n),
     (
         "zero, interpolated between the readings without load before and after",
@@ -21,6 +21,9 @@ const PARTS: [BudgetPart; 5] = [
     ("noise in the window", "scatter without load", |budget| Some(budget.noise_n)),
     ("resolution", "smallest step read, rectangular", |budget| Some(budget.resolution_n)),
     ("mains interference", "rest after averaging whole periods, arcsine", |budget| Some(budget.hum_n)),
+    ("temperature", "change of the load cell's sensitivity by its certificate, rectangular", |budget| {
+        budget.temperature_n
+    }),
 ];
 
 /// Creates a row for each part of the budget; `None` if no run has budgets.
@@ -44,7 +47,10 @@ pub(super) fn section(subject: &Subject) -> Option<Markup> {
     let unknown = combined
         .is_empty()
         .then_some("the load cell was not checked with a known weight, and the rig file has no certificate of it");
-    let parts = PARTS.iter().map(|(name, known, of)| row(name, known, budgets.iter().filter_map(of).collect()));
+    // without a monitored temperature there is no such part; the load cell's is always listed
+    let is_listed = |part: &&BudgetPart| part.0 == PARTS[0].0 || budgets.iter().any(|budget| part.2(budget).is_some());
+    let listed = PARTS.iter().filter(is_listed);
+    let parts = listed.map(|(name, known, of)| row(name, known, budgets.iter().filter_map(of).collect()));
     let whole = [
         row("combined, u", unknown.unwrap_or("root of the sum of squares"), combined),
         row(&format!("expanded, U (k = {COVERAGE})"), unknown.map_or("k times u", |_| "as above"), expanded),

@@ -3,7 +3,7 @@
 
 use super::keys::{axes_check, certificate, check, stage_certificate};
 use palpate_core::quantity::{
-    AxesCheck, GAIN_OFF_MOST, LoadCellCertificate, StageCertificate, StatedError, WeightCheck,
+    AxesCheck, GAIN_OFF_MOST, LoadCellCertificate, StageCertificate, StatedError, TemperatureEffect, WeightCheck,
 };
 use palpate_document::{Key, Problem, Table};
 
@@ -13,8 +13,19 @@ const NUMBER_MAX: usize = 64;
 pub(super) fn read_certificate(table: &Table) -> Option<LoadCellCertificate> {
     let number = read_number(table, &certificate::number);
     let date = table.day(&certificate::date).map(str::to_owned);
-    let stated = read_stated(table);
-    Some(LoadCellCertificate { number: number?, date: date?, stated: stated? })
+    let (stated, temperature) = (read_stated(table), read_temperature_effect(table));
+    Some(LoadCellCertificate { number: number?, date: date?, stated: stated?, temperature: temperature? })
+}
+
+/// Reads the change of the sensitivity with the temperature; the inner value is `None` if it isn't stated.
+fn read_temperature_effect(table: &Table) -> Option<Option<TemperatureEffect>> {
+    let keys = [certificate::temperature_percent_per_c, certificate::calibrated_at_c];
+    if keys.iter().all(|key| !table.has(key)) {
+        return Some(None);
+    }
+    let is_complete = keys.iter().all(|key| table.require(key));
+    let [percent_per_c, calibrated_at_c] = if is_complete { table.numbers(keys)? } else { return None };
+    Some(Some(TemperatureEffect { percent_per_c, calibrated_at_c }))
 }
 
 pub(super) fn read_stage_certificate(table: &Table) -> Option<StageCertificate> {
@@ -113,6 +124,11 @@ mod tests {
         let class = StatedError::Class { class_percent: 0.1, full_scale_n: 5.0 };
         assert_eq!(stated("class_percent = 0.1, full_scale_n = 5").stated, class);
         assert!(read("").unwrap().load_cell.certificate.is_none());
+        assert_eq!(plain.temperature, None);
+        let text = "certificate = { number = \"K-7\", date = \"2026-05-04\", u_n = 0.002, temperature_percent_per_c = 0.02, \
+                    calibrated_at_c = 21 }";
+        let temperature = read(text).unwrap().load_cell.certificate.unwrap().temperature;
+        assert_eq!(temperature, Some(TemperatureEffect { percent_per_c: 0.02, calibrated_at_c: 21.0 }));
     }
 
     #[test]
@@ -153,6 +169,14 @@ mod tests {
             (
                 "number = \"7\", date = \"2026-05-04\", u_n = 1.0, full_scale_n = 5.0",
                 "`full_scale_n` requires `class_percent`",
+            ),
+            (
+                "number = \"7\", date = \"2026-05-04\", u_n = 1.0, calibrated_at_c = 21",
+                "`temperature_percent_per_c` is missing in `load_cell.certificate`: a number in %/degree Celsius, 0 to 10",
+            ),
+            (
+                "number = \"7\", date = \"2026-05-04\", u_n = 1.0, temperature_percent_per_c = 0.02",
+                "`calibrated_at_c` is missing in `load_cell.certificate`: a number in degrees Celsius, -50 to 150",
             ),
         ] {
             let problems = read(&format!("certificate = {{ {keys} }}")).unwrap_err();

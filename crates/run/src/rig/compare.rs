@@ -213,7 +213,9 @@ mod tests {
                 let (before, now) = (shown(value), shown(&other));
                 *value = other;
                 let verdict = match listed.path.as_str() {
-                    "stage.link" | "load_cell.link" | "array.link" | "notify.command" => Consequence::Link,
+                    "stage.link" | "load_cell.link" | "array.link" | "monitor.link" | "notify.command" => {
+                        Consequence::Link
+                    }
                     path if path.ends_with("driver.process") => Consequence::Link,
                     "limits.stiffness_n_mm" => Consequence::Tighter,
                     _ => Consequence::Other,

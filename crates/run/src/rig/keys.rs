@@ -27,6 +27,8 @@ const FORCE: Bounds = Bounds::above(0.0, 10_000.0, "N");
 /// Limits of the entries of a calibration matrix.
 const CROSSTALK: Bounds = Bounds::within(-1e6, 1e6, "");
 const PERCENT: Bounds = Bounds::above(0.0, 100.0, "%");
+/// Limits of a monitored value, its scale and its offset, which have any unit.
+const VALUE: Bounds = Bounds::within(-1e12, 1e12, "");
 const DATE: &str = "date, as year-month-day";
 /// Limits of the largest output of an array.
 const OUTPUT_RANGE: Bounds = Bounds::above(0.0, 1e6, "V");
@@ -48,6 +50,8 @@ keys! {
         load_cell: Either(&[Table(&load_cell::KEYS), Word(&words(&NO_LOAD_CELL))]), Refused,
             "the load cell under the specimen or over the indenter; `\"none\"`: there is none, and presses are by depth", "\"none\"";
         array: Table(&array::KEYS), Refused, "the sensor array that is calibrated";
+        monitor: Tables(&monitor::KEYS), Allowed,
+            "slow devices, such as a thermometer, that are read between presses; their values are recorded with each press";
         limits: Table(&limits::KEYS), Refused, "limits of the specimen, for the plan and every move";
         frame: Table(&frame::KEYS), Refused, "where the specimen is, in the stage's coordinates";
         scene: Table(&scene::KEYS), Allowed,
@@ -150,6 +154,11 @@ keys! {
         date: Text, Refused, DATE, "\"2026-05-04\"";
         k: Number(within(1.0, 5.0, "")), or(COVERAGE), "coverage factor of the expanded uncertainty", "2.0";
         full_scale_n: Number(FORCE), Allowed, "full scale that `class_percent` refers to", "5.0";
+        temperature_percent_per_c: Number(within(0.0, 10.0, "%/degree Celsius")), Allowed,
+            "largest change of its sensitivity, + and -, in % of the reading per degree Celsius; it widens `u_force_n` if a monitor is \
+             named `temperature_c`; requires `calibrated_at_c`", "0.02";
+        calibrated_at_c: Number(within(-50.0, 150.0, "degrees Celsius")), Allowed,
+            "its temperature during the calibration; requires `temperature_percent_per_c`", "21.0";
     }
     one of {
         u_n: Number(FORCE), Allowed, "expanded uncertainty of a reading", "0.002";
@@ -199,6 +208,20 @@ keys! {
         grid: Table(&GRID), Allowed, "its units are in rows and columns, centred on the specimen's origin";
         places_mm: Places(COORDINATE), Allowed, "positions of its units, in the order of its outputs", "[[0.0, 0.0]]";
     }
+}
+
+keys! {
+    /// `[[monitor]]`
+    monitor {
+        name: Text, Refused, "name of the value: lower-case letters, digits and underscores; it ends in the unit", "\"temperature_c\"";
+        scale: Number(VALUE), or(1.0), "factor of the reading: the value is scale * reading + offset", "100.0";
+        offset: Number(VALUE), or(0.0), "value at a reading of 0", "-50.0";
+        every_s: Number(within(0.1, 86_400.0, "s")), or(10.0), "least time from one reading to the next", "10.0";
+        bounds: Range(VALUE), Allowed, "range of the value; outside, the next press waits", "[18.0, 28.0]";
+        wait_s: Number(within(0.0, 86_400.0, "s")), or(600.0),
+            "longest wait for a value within `bounds`; then the run stops, and `resume` continues it", "600.0";
+    }
+    as array { driver, link }
 }
 
 keys! {

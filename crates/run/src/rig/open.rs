@@ -2,6 +2,7 @@
 
 use super::cell::AdjustedCell;
 use super::emulated::EmulatedDevice;
+use super::monitor::{EmulatedMonitor, MonitorSpec};
 use super::simulated::{GroundTruth, SimulatedRig};
 use super::spec::{Dial, Driver, Home, RigSpec, RigWiring};
 use palpate_core::parallel::lock;
@@ -12,7 +13,6 @@ use palpate_link::time::{Instant, spawn};
 use palpate_link::wire::{Claims, Connector, Link};
 use palpate_sim::emulator::{self, Instrument, Shared};
 use palpate_sim::scene::Scene;
-use std::cell::{OnceCell, RefCell};
 use tokio::io::duplex;
 
 /// Number of bytes that can wait in a link in memory before its writer has to wait.
@@ -22,6 +22,8 @@ const DUPLEX_BYTES: usize = 4096;
 pub struct OpenRig {
     /// The drivers.
     pub instruments: Instruments<AnyStage, AdjustedCell, AnyArray>,
+    /// Drivers of the monitors, in the order of the rig.
+    pub monitors: Vec<AnyArray>,
     /// Settings for the use of the stage.
     pub stage_use: StageUse,
     /// What the scene of a simulated rig knows.
@@ -49,7 +51,10 @@ impl RigSpec {
             move |port| Connector::Real(at_port(link.clone(), port))
         };
         let (stage, load_cell, array) = (real(&self.stage.link), real(&self.load_cell.link), real(&self.array.link));
-        Ok(OpenRig { claims, ..self.wired([Dial(&stage), Dial(&load_cell), Dial(&array)], None, Instant::now())? })
+        let origin = Instant::now();
+        let monitor = |monitor: &MonitorSpec| monitor.open(self, Dial(&real(&monitor.array.link)), None, origin);
+        let monitors = self.monitors.iter().map(monitor).collect::<Result<_, _>>()?;
+        Ok(OpenRig { claims, monitors, ..self.wired([Dial(&stage), Dial(&load_cell), Dial(&array)], None, origin)? })
     }
 
     /// Connects the drivers to links in memory with these devices at the far ends. The time of their scene begins now.
@@ -61,10 +66,15 @@ impl RigSpec {
     /// Outside a tokio runtime.
     pub fn open_on(&self, simulated: SimulatedRig) -> Result<OpenRig, DeviceError> {
         let origin = Instant::now();
-        let SimulatedRig { scene, stage, load_cell, array } = simulated;
+        let SimulatedRig { scene, stage, load_cell, array, monitors: emulated } = simulated;
+        let monitor = |(spec, EmulatedMonitor { device, scene }): (&MonitorSpec, EmulatedMonitor)| {
+            spec.open(self, Dial(&in_memory(device, scene.clone(), origin)), Some(scene), origin)
+        };
+        let monitors = self.monitors.iter().zip(emulated).map(monitor).collect::<Result<_, _>>()?;
         let [stage, load_cell, array] =
             [stage, load_cell, array].map(|device: EmulatedDevice| in_memory(device, scene.clone(), origin));
-        self.wired([Dial(&stage), Dial(&load_cell), Dial(&array)], Some(scene), origin)
+        let dials = [Dial(&stage), Dial(&load_cell), Dial(&array)];
+        Ok(OpenRig { monitors, ..self.wired(dials, Some(scene), origin)? })
     }
 
     /// Returns the stage's driver on links that the caller opens; nothing is sent.
@@ -77,10 +87,7 @@ impl RigSpec {
     /// # Errors
     /// A register map is unsuitable for the role, or NI's library is missing.
     pub fn load_cell_on(&self, dial: Dial, origin: Instant) -> Result<AdjustedCell, DeviceError> {
-        self.adjusted_cell(
-            dial,
-            &RigWiring { rig: self, origin, scene: None, acquisition: OnceCell::new(), line_ports: RefCell::default() },
-        )
+        self.adjusted_cell(dial, &RigWiring::new(self, None, origin))
     }
 
     fn adjusted_cell(&self, dial: Dial, wiring: &RigWiring) -> Result<AdjustedCell, DeviceError> {
@@ -93,15 +100,15 @@ impl RigSpec {
         scene: Option<Shared<Scene>>,
         origin: Instant,
     ) -> Result<OpenRig, DeviceError> {
-        let wiring =
-            RigWiring { rig: self, origin, scene, acquisition: OnceCell::new(), line_ports: RefCell::default() };
+        let wiring = RigWiring::new(self, scene, origin);
         let instruments = Instruments {
             stage: self.stage_on(stage),
             load_cell: self.adjusted_cell(load_cell, &wiring)?,
             array: self.array.driver.open(array, &wiring)?,
         };
         let truth = GroundTruth::new(wiring.scene, origin);
-        Ok(OpenRig { instruments, stage_use: self.stage_use(), truth, claims: Claims::default() })
+        let (stage_use, monitors, claims) = (self.stage_use(), Vec::new(), Claims::default());
+        Ok(OpenRig { instruments, monitors, stage_use, truth, claims })
     }
 
     /// Returns the settings for the use of the stage, as this rig states them.
@@ -125,14 +132,18 @@ impl RigSpec {
     /// Claims the real links exclusively for this program. Each link is claimed once, even if several roles share it.
     fn claims(&self) -> Result<Claims, DeviceError> {
         let mut claims = Claims::default();
-        let roles: [(&dyn Driver, &Link, &str); 3] = [
-            (&*self.stage.driver, &self.stage.link, "stage"),
-            (&*self.load_cell.driver, &self.load_cell.link, "load cell"),
-            (&*self.array.driver, &self.array.link, "array"),
+        let roles: [(&dyn Driver, &Link, String); 3] = [
+            (&*self.stage.driver, &self.stage.link, "stage".to_owned()),
+            (&*self.load_cell.driver, &self.load_cell.link, "load cell".to_owned()),
+            (&*self.array.driver, &self.array.link, "array".to_owned()),
         ];
-        for (driver, link, role) in roles {
+        let monitors = self.monitors.iter().map(|monitor| {
+            let driver: &dyn Driver = &*monitor.array.driver;
+            (driver, &monitor.array.link, monitor.role())
+        });
+        for (driver, link, device) in roles.into_iter().chain(monitors) {
             driver.claim(link, &mut claims).map_err(|error| DeviceError {
-                device: role.to_owned(),
+                device,
                 doing: "opening its link".to_owned(),
                 problem: DeviceProblem::Claim(error.to_string()),
             })?;

@@ -3,10 +3,11 @@
 use super::axes::{Lever, check_axes, read_axes};
 use super::certificate::{read_axes_check, read_certificate, read_check, read_stage_certificate};
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
-use super::family::Beside;
+use super::family::{Beside, with_help};
 use super::keys::{
     self, array, drag, frame, limits, load_cell, origin_mm, root, stage, step_mm, surface_mm, tilt_mm_per_mm, travel_mm,
 };
+use super::monitor::{check_monitors, read_monitors};
 use super::scene::{paper_scene, read_scene};
 use super::simulated::TOO_MANY_CHANNELS;
 use super::spec::{Driver, Home, HomeSide};
@@ -15,7 +16,7 @@ use palpate_control::{DragLimits, SEARCH_ROOM_MM};
 use palpate_core::quantity::{Axis, Frame, Limits, Place, Range, Steps, TILT_MOST_DEG, Tilt, Travel, round};
 use palpate_document::layout::{LayoutKeys, read_unit};
 use palpate_document::notify::read_command;
-use palpate_document::{self as document, Key, Problem, Problems, Span, Table};
+use palpate_document::{self as document, Key, Problem, Problems, Table};
 use palpate_link::wire::Link;
 use palpate_sim::scene::SKIN_CHANNELS_MAX;
 
@@ -49,6 +50,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             false => table.table(&root::load_cell).and_then(|table| read_load_cell(&table, beside)),
         };
         let array = table.table(&root::array).and_then(|table| read_array(&table, beside));
+        let monitors = read_monitors(table, beside);
         let limits = table.table(&root::limits);
         let (limits, stiffness_least_n_mm, drag) = match limits.as_ref() {
             Some(table) => (read_limits(table), read_least(table), read_drag(table)),
@@ -67,6 +69,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             stage: stage?,
             load_cell: load_cell?,
             array: array?,
+            monitors: monitors?,
             limits: limits?,
             stiffness_least_n_mm: stiffness_least_n_mm?,
             drag: drag?,
@@ -84,6 +87,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
         check_without_load_cell(&spec, table);
         check_steps(&spec, table);
         check_drivers(&spec, table);
+        check_monitors(&spec, table);
         check_room(&spec, table);
         check_torque(&spec, table);
         Some(spec)
@@ -189,7 +193,7 @@ fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
     let unit = read_unit(table, &array::unit);
     let misfit = driver.as_ref().zip(layout.as_ref()).and_then(|((driver, _), layout)| driver.misfit(layout));
     if let Some((text, help)) = misfit {
-        table.complain(problem(table.span_of(LAYOUT.place(table)), text, help));
+        table.complain(with_help(table.span_of(LAYOUT.place(table)), text, help));
     }
     let range_v = table.number(&array::range_v);
     let (driver, link) = driver?;
@@ -275,7 +279,8 @@ pub(super) fn read_tilt(table: &Table, key: &Key) -> Option<Tilt> {
 
 fn check_links(spec: &RigSpec, table: &Table) {
     let cell = spec.has_load_cell().then_some(&spec.load_cell.link);
-    let mut links = [&spec.stage.link, &spec.array.link].into_iter().chain(cell);
+    let monitors = spec.monitors.iter().map(|monitor| &monitor.array.link);
+    let mut links = [&spec.stage.link, &spec.array.link].into_iter().chain(cell).chain(monitors);
     if links.clone().any(|link| *link == Link::Sim) && !links.all(|link| *link == Link::Sim) {
         let text = "some links are simulated and others are real: they can't use the same clock";
         let help = "set all links to \"sim\", or none; `--simulate` simulates the whole rig";
@@ -349,15 +354,7 @@ fn check_drivers(spec: &RigSpec, table: &Table) {
     let drivers: [&dyn Driver; 3] = [&*spec.stage.driver, &*spec.load_cell.driver, &*spec.array.driver];
     for misfit in drivers.into_iter().flat_map(|driver| driver.misfits(spec)) {
         let role = [root::stage, root::load_cell, root::array][misfit.role as usize];
-        table.complain(problem(table.span_of(&role), misfit.text, misfit.help));
-    }
-}
-
-fn problem(span: Span, text: String, help: Option<&str>) -> Problem {
-    let problem = Problem::new(span, text);
-    match help {
-        Some(help) => problem.help(help),
-        None => problem,
+        table.complain(with_help(table.span_of(&role), misfit.text, misfit.help));
     }
 }
 

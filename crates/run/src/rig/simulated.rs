@@ -1,6 +1,7 @@
 //! A rig's emulators, acting on one scene.
 
 use super::emulated::EmulatedDevice;
+use super::monitor::EmulatedMonitor;
 use super::spec::{Home, RigSpec};
 use palpate_core::parallel::lock;
 use palpate_core::quantity::{Axis, Place, Position};
@@ -30,6 +31,8 @@ pub struct SimulatedRig {
     pub load_cell: EmulatedDevice,
     /// The array's converter.
     pub array: EmulatedDevice,
+    /// The monitors, in the order of the rig.
+    pub monitors: Vec<EmulatedMonitor>,
 }
 
 /// Time in which a simulated person puts a weight on or takes it off after the request, s.
@@ -82,7 +85,8 @@ impl RigSpec {
         let stage = self.stage.driver.emulated(&scene, self);
         let load_cell = self.load_cell.driver.emulated(self, &stage)?;
         let array = self.array.driver.emulated(self)?;
-        Ok(SimulatedRig { scene: Arc::new(Mutex::new(scene)), stage, load_cell, array })
+        let monitors = self.monitors.iter().map(|monitor| monitor.emulated(self, &scene)).collect::<Result<_, _>>()?;
+        Ok(SimulatedRig { scene: Arc::new(Mutex::new(scene)), stage, load_cell, array, monitors })
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::axes::CellAxes;
 use super::emulated::EmulatedDevice;
+use super::monitor::MonitorSpec;
 use super::no_load_cell::WithoutLoadCell;
 use super::which_way::{Unattended, WhichWay};
 use palpate_control::{DragLimits, SafetyRule, Timing, Trip, depth_without_force_mm};
@@ -38,6 +39,8 @@ pub struct RigSpec {
     pub load_cell: LoadCellSpec,
     /// The sensor array.
     pub array: ArraySpec,
+    /// Slow devices that are read between presses.
+    pub monitors: Vec<MonitorSpec>,
     /// Limits of the specimen.
     pub limits: Limits,
     /// Smallest apparent stiffness of the specimen, N/mm; `None` if not declared. A load cell that reads too little makes the
@@ -238,6 +241,7 @@ impl RigSpec {
         self.stage.link = Link::Sim;
         self.load_cell.link = Link::Sim;
         self.array.link = Link::Sim;
+        self.monitors.iter_mut().for_each(|monitor| monitor.array.link = Link::Sim);
         self
     }
 
@@ -515,7 +519,12 @@ pub struct OwnFile {
     pub text: Option<String>,
 }
 
-impl RigWiring<'_> {
+impl<'a> RigWiring<'a> {
+    /// Creates the data of a rig none of whose drivers has been opened.
+    pub(super) fn new(rig: &'a RigSpec, scene: Option<Shared<Scene>>, origin: Instant) -> Self {
+        RigWiring { rig, origin, scene, acquisition: OnceCell::new(), line_ports: RefCell::default() }
+    }
+
     /// Returns the port behind a link, which the roles on this link share.
     pub(super) fn line_port(&self, link: &Link, profile: &LineProfile, dial: Dial) -> LinePort {
         let mut ports = self.line_ports.borrow_mut();

@@ -1,7 +1,9 @@
 //! Identity and speed of each device, checked without pressing.
 
 use super::check_weight::{Ask, AxesMeasurement, KnownWeight, Weighing, WeightMeasurement, weigh};
+use super::clock::RunClock;
 use super::home::{AtHome, at_home};
+use super::monitors::Monitors;
 use super::ready::{NOISE_SHARE, check_no_load};
 use super::rig_control::AnyRigControl;
 use super::shown::{ShownBy, finger, press};
@@ -9,6 +11,7 @@ use super::{Cancel, Halt};
 use crate::rig::RigSpec;
 use palpate_control::{Permit, Reaction, Trip, Zero};
 use palpate_core::quantity::Axis;
+use palpate_data::dataset::MonitorValue;
 use palpate_drivers::lines::{ForceCounts, PAGE_PORT};
 use palpate_link::device::{DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::Instant;
@@ -26,6 +29,8 @@ const ZERO_S: f64 = 1.0;
 pub struct Examination {
     /// Devices in the order stage, load cell, array: the identity that each reports, or the reason why it isn't usable.
     pub devices: Vec<(&'static str, Result<Identity, DeviceError>)>,
+    /// Identity and value of each monitor, in the order of the rig.
+    pub monitors: Vec<(Identity, MonitorValue)>,
     /// Counts per N of the rig, and those that the page of its Net F/T states, or why they aren't known.
     pub counts: Option<(f64, Result<ForceCounts, String>)>,
     /// Durations of exchanges, s, in the same order. Empty for a device that isn't usable.
@@ -77,11 +82,15 @@ pub struct NoLoadCell {
 /// device fails, the others are still examined.
 ///
 /// # Errors
-/// A person requests a stop, NI's library is required and missing, or a stage loses its position.
+/// A person requests a stop, NI's library is required and missing, a monitor fails, or a stage loses its position.
 pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel, asked: ForceCheck<'_>) -> Result<Examination, Halt> {
-    let AtHome { mut rig_control, stage, load_cell, array } = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
+    let mut rig = spec.open(seed)?;
+    let (mut monitors, identities) = Monitors::ready(&mut rig, spec, cancel).await?;
+    monitors.refresh(RunClock::going_on_from(0.0)).await?;
+    let monitors = identities.into_iter().zip(monitors.values()).collect();
+    let AtHome { mut rig_control, stage, load_cell, array } = at_home(rig, spec, cancel, &|_| {}).await?;
     let devices = vec![("stage", stage), ("load_cell", load_cell), ("array", array)];
-    let mut found = Examination { devices, ..Examination::default() };
+    let mut found = Examination { devices, monitors, ..Examination::default() };
     if let (Some(counts), Link::Udp { host, .. }) = (spec.load_cell.driver.net_ft_counts(), &spec.load_cell.link) {
         let page = Connector::Real(Link::Tcp { host: host.clone(), port: PAGE_PORT });
         found.counts = Some((counts, ForceCounts::ask(&page).await));

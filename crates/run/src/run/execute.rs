@@ -3,6 +3,7 @@
 use super::check_weight::{Ask, CellAfter, KnownWeight};
 use super::checks::Checking;
 use super::clock::RunClock;
+use super::monitors::Monitors;
 use super::past::{Past, felt};
 use super::ready::{Conditions, Ready, make_ready, take_zero};
 use super::rig_control::AnyRigControl;
@@ -27,6 +28,9 @@ use std::time::Duration;
 /// Drift of the zero since it was last completely determined, as a fraction of the force limit, above which it is determined
 /// again. Then noise and mains interference are up to date too.
 const NEW_ZERO_SHARE: f64 = 0.05;
+
+/// Longest time that monitors may take after which the readings without load still count for the next press.
+const NO_LOAD_FRESH: Duration = Duration::from_millis(50);
 
 /// Task of a run: a plan on a rig, recorded in a ledger.
 pub struct RunJob<'a> {
@@ -69,6 +73,8 @@ pub trait Listener {
     fn recorded(&mut self, _contact: &RecordedContact) {}
     /// Reports that a check is on disk.
     fn checked(&mut self, _check: &RecordedCheck) {}
+    /// Reports that the next press waits for a monitored value, in a sentence.
+    fn waits(&mut self, _text: &str) {}
     /// Reports that the indenter rests without load for this time, s.
     fn rests(&mut self, _seconds: f64) {}
     /// Returns the weight that a person can put on the tip after the run; `None` if no person is there, or the weight isn't known.
@@ -104,7 +110,7 @@ pub fn execute_on<'w, 'e: 'w>(
     Box::pin(execute_from(rig, job, listener))
 }
 
-async fn execute_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
+async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
     if !job.spec.has_load_cell() {
         return execute_without_cell(rig, job, listener).await;
     }
@@ -115,9 +121,14 @@ async fn execute_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener
     };
     let clock = RunClock::going_on_from(past.elapsed_s);
     let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: past.first_zero_n };
+    let (monitors, identities) = match Monitors::ready(&mut rig, spec, cancel).await {
+        Ok(ready) => ready,
+        Err(halt) => return Ending { t_s: clock.now_s(), ..Ending::halted(halt) },
+    };
     let mut ending = Ending::parked();
     match make_ready(rig, &conditions).await {
-        Ok(Ready { mut rig_control, devices, reaction, zero }) => {
+        Ok(Ready { mut rig_control, mut devices, reaction, zero }) => {
+            devices.extend(identities);
             if let Some(queue) = ledger.series() {
                 rig_control.record(SeriesRecorder::new(plan.series, queue, clock));
             }
@@ -131,6 +142,7 @@ async fn execute_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener
                 ledger,
                 listener,
                 rig_control,
+                monitors,
                 permit,
                 map,
                 drag_responses: DragResponses::default(),
@@ -184,7 +196,7 @@ impl Ending {
     pub fn status(&self) -> Status {
         match (&self.halt, &self.unparked) {
             (None, None) => Status::Complete,
-            (Some(Halt::Cancelled), None) => Status::Stopped,
+            (Some(Halt::Cancelled | Halt::OutOfBounds(_)), None) => Status::Stopped,
             (Some(Halt::Tripped(_)), _) => Status::Tripped,
             _ => Status::Failed,
         }
@@ -204,7 +216,7 @@ impl Ending {
             Halt::Tripped(trip) => Some(trip.to_string()),
             Halt::Device(error) => Some(error.to_string()),
             Halt::Record(error) => Some(error.to_string()),
-            Halt::Unconfirmed(why) => Some(why.clone()),
+            Halt::Unconfirmed(why) | Halt::OutOfBounds(why) => Some(why.clone()),
         };
         let unparked = self.unparked.as_ref().and_then(text).map(|why| format!("the stage could not be parked: {why}"));
         let parts = self.halt.as_ref().and_then(text).into_iter().chain(unparked).chain(self.remaining.text());
@@ -241,6 +253,7 @@ pub(super) struct Runner<'a> {
     pub ledger: &'a mut dyn Ledger,
     pub listener: &'a mut dyn Listener,
     pub rig_control: AnyRigControl<'a>,
+    pub monitors: Monitors,
     pub permit: Permit,
     pub map: ContactMap,
     /// Forces sideways that the drags so far have shown.
@@ -309,6 +322,7 @@ impl Runner<'_> {
 
     async fn presses(&mut self, mut left: VecDeque<&Entry>) -> Result<(), Halt> {
         while let Some(entry) = left.pop_front() {
+            self.await_monitors(entry.place).await?;
             self.check_before(entry).await?;
             self.pressing = Some(entry.press);
             self.listener.begins(entry);
@@ -336,6 +350,18 @@ impl Runner<'_> {
                 self.zero_again(next).await?;
             }
             self.rest(entry.rest_after_s, next).await?;
+        }
+        Ok(())
+    }
+
+    /// Reads the monitors without load, and rests until their values are within their bounds.
+    async fn await_monitors(&mut self, next: Place) -> Result<(), Halt> {
+        let began = Instant::now();
+        while let Some(wait) = self.monitors.look(self.conditions.clock, self.listener).await? {
+            self.rest(wait.as_secs_f64(), next).await?;
+        }
+        if began.elapsed() > NO_LOAD_FRESH {
+            self.standby = self.standby.take().map(|standby| Standby { no_load: None, ..standby });
         }
         Ok(())
     }

@@ -112,7 +112,7 @@ pub(super) async fn at_home_without_cell<'a>(
 }
 
 fn rig_control_of<'a>(rig: OpenRig, spec: &RigSpec, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> AnyRigControl<'a> {
-    let OpenRig { instruments, stage_use, truth, claims } = rig;
+    let OpenRig { instruments, stage_use, truth, claims, .. } = rig;
     let Instruments { stage, load_cell, array } = instruments;
     let watched_cell = WatchedLoadCell::new(load_cell, Watch::new(&spec.limits, Zero::with_noise(0.0)), cancel, shown);
     let parts = Instruments { stage, load_cell: watched_cell, array };

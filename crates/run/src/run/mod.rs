@@ -15,6 +15,7 @@ mod examine;
 mod execute;
 mod feel;
 mod home;
+mod monitors;
 mod motion;
 mod no_load_outputs;
 mod pace;
@@ -57,6 +58,8 @@ pub enum Halt {
     Cancelled,
     /// A safety rule was broken.
     Tripped(Trip),
+    /// A monitored value was outside its bounds for too long. The run can continue later.
+    OutOfBounds(String),
     /// A device failed.
     Device(DeviceError),
     /// The record couldn't be written.

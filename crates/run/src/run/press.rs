@@ -142,6 +142,7 @@ impl Runner<'_> {
             no_load_before: before,
             no_load_after: after,
             left,
+            monitors: self.monitors.values(),
             followed,
             series: None,
         })
@@ -157,7 +158,15 @@ impl Runner<'_> {
             Some([x_n, y_n]) => cell.axes_uncertainty_n([x_n, y_n, force_n]).map(|u_n| u_n[2]),
             None => cell.standard_uncertainty_n(force_n),
         };
-        UncertaintyBudget::of(&averaged, self.rig_control.cell.watch.zero(), cell_n)
+        let budget = UncertaintyBudget::of(&averaged, self.rig_control.cell.watch.zero(), cell_n);
+        UncertaintyBudget { temperature_n: self.temperature_n(force_n), ..budget }
+    }
+
+    /// Returns the standard uncertainty of a force by the temperature of the load cell, N; `None` if its certificate states no effect, or no
+    /// monitor reads the temperature.
+    fn temperature_n(&self, force_n: f64) -> Option<f64> {
+        let effect = self.conditions.spec.load_cell.certificate.as_ref()?.temperature?;
+        Some(effect.standard_uncertainty_n(force_n, self.monitors.temperature_c()?))
     }
 
     /// Returns the standard uncertainties of a level's forces along x and y, N: those of the cell, of the noise and of the zero.
@@ -171,7 +180,9 @@ impl Runner<'_> {
             let mean_n = |no_load: &NoLoad| no_load.force.side_mean_n.map_or(0.0, |mean_n| mean_n[axis]);
             let no_loads = no_loads.map(|no_load| NoLoadReadings { mean_n: mean_n(no_load), ..no_load.force });
             let averaged = Averaged { readings, seconds, no_loads, share: moved.share(middle_s) };
-            UncertaintyBudget::of(&averaged, &Zero::with_noise(side.sigma_n[axis]), cell_n.map(|u_n| u_n[axis])).u_n()
+            let zero = Zero::with_noise(side.sigma_n[axis]);
+            let budget = UncertaintyBudget::of(&averaged, &zero, cell_n.map(|u_n| u_n[axis]));
+            UncertaintyBudget { temperature_n: self.temperature_n([x_n, y_n][axis]), ..budget }.u_n()
         })
     }
 

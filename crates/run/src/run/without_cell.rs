@@ -4,6 +4,7 @@
 use super::clock::RunClock;
 use super::execute::{Ending, RunJob, note_trip};
 use super::home::at_home_without_cell;
+use super::monitors::Monitors;
 use super::past::Past;
 use super::press::TRAVEL_CLEARANCE_MM;
 use super::rig_control::AnyRigControl;
@@ -40,7 +41,7 @@ const CONFIRM_AGAIN: &str = "a person confirmed the surface when this run began:
                              was, then add --confirmed touch";
 
 /// Executes the plan. The stage is always parked at the end of z's travel.
-pub(super) async fn execute_without_cell(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
+pub(super) async fn execute_without_cell(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
     let RunJob { plan, spec, ledger, cancel, shown } = job;
     let past = match Past::of(ledger, plan, spec.frame.uncertainty_mm) {
         Ok(past) => past,
@@ -50,10 +51,15 @@ pub(super) async fn execute_without_cell(rig: OpenRig, job: RunJob<'_>, listener
         return Ending::halted(Halt::Unconfirmed(CONFIRM_AGAIN.to_owned()));
     }
     let clock = RunClock::going_on_from(past.elapsed_s);
-    let (rig_control, devices) = match at_home_without_cell(rig, spec, cancel, shown).await {
+    let (monitors, identities) = match Monitors::ready(&mut rig, spec, cancel).await {
+        Ok(ready) => ready,
+        Err(halt) => return Ending { t_s: clock.now_s(), ..Ending::halted(halt) },
+    };
+    let (rig_control, mut devices) = match at_home_without_cell(rig, spec, cancel, shown).await {
         Ok(ready) => ready,
         Err(halt) => return Ending { t_s: clock.now_s(), remaining: Remaining::NoLoadCell, ..Ending::halted(halt) },
     };
+    devices.extend(identities);
     let acceleration_mm_s2 = rig_control.usage.acceleration_mm_s2;
     let permit = Permit::new(spec.limits, EXCHANGE_S, acceleration_mm_s2, &Zero::with_noise(0.0));
     let mut runner = DepthRunner {
@@ -62,6 +68,7 @@ pub(super) async fn execute_without_cell(rig: OpenRig, job: RunJob<'_>, listener
         ledger,
         listener,
         rig_control,
+        monitors,
         permit: permit.on(spec.stage.steps).finishing(spec.stage.driver.abilities().finishes()),
         map: ContactMap::new(spec.frame.uncertainty_mm),
         cancel,
@@ -89,6 +96,7 @@ pub(super) struct DepthRunner<'a> {
     ledger: &'a mut dyn Ledger,
     listener: &'a mut dyn Listener,
     pub rig_control: AnyRigControl<'a>,
+    monitors: Monitors,
     pub permit: Permit,
     /// The surface.
     pub map: ContactMap,
@@ -115,6 +123,7 @@ impl DepthRunner<'_> {
         self.find_surface(past).await?;
         for (index, entry) in left.iter().enumerate() {
             self.pause_if_asked().await?;
+            self.await_monitors().await?;
             self.pressing = Some(entry.press);
             self.listener.begins(entry);
             let contact = self.press(entry, left.get(index + 1).map(|next| next.place)).await?;
@@ -213,6 +222,7 @@ impl DepthRunner<'_> {
             no_load_before: no_load(no_load_before),
             no_load_after: no_load(no_load_after),
             left: next.map(|_| Left { z_mm: self.rig_control.z_mm }),
+            monitors: self.monitors.values(),
             ..RecordedContact::default()
         })
     }
@@ -302,6 +312,15 @@ impl DepthRunner<'_> {
         if z_mm > clear_mm {
             let away = self.permit.retract(z_mm, clear_mm, self.rig_control.usage.speed_mm_s)?;
             self.rig_control.move_z_unforced(away).await?;
+        }
+        Ok(())
+    }
+
+    /// Reads the monitors without load, and rests until their values are within their bounds.
+    async fn await_monitors(&mut self) -> Result<(), Halt> {
+        while let Some(wait) = self.monitors.look(self.clock, self.listener).await? {
+            self.cancel.sleep(wait).await;
+            self.pause_if_asked().await?;
         }
         Ok(())
     }

@@ -11,6 +11,7 @@ mod creep;
 mod faults;
 mod friction;
 mod load_cell;
+mod monitored;
 mod motion;
 mod skin;
 mod spec;
@@ -23,6 +24,7 @@ mod weight;
 
 pub use faults::{FaultKind, SceneFault};
 pub use friction::Friction;
+pub use monitored::Monitored;
 pub use motion::Trajectory;
 pub use skin::{
     Converter, Elastomer, NoiseOf, SKIN_CHANNELS_MAX, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels,
@@ -78,6 +80,8 @@ pub struct Scene {
     friction: Option<(Friction, FrictionState)>,
     taxels: TaxelState,
     temperature: Option<Temperature>,
+    /// What the only output is, in the scene of a monitor.
+    monitored: Option<Monitored>,
     latency: [RandomStream; 3],
     faults: SceneFaults,
     witness: Witness,
@@ -131,6 +135,7 @@ impl Scene {
             friction: spec.friction.map(|friction| (friction, FrictionState::default())),
             taxels,
             temperature: spec.temperature,
+            monitored: None,
             latency: SceneDevice::ALL.map(|device| stream(seed, 0, device.name())),
             setting: Surroundings { latencies: spec.latencies, ..setting },
             faults: SceneFaults::new(spec.faults),
@@ -139,6 +144,13 @@ impl Scene {
         scene.reseed(0, 0.0);
         scene.strike(f64::NEG_INFINITY, 0.0);
         scene
+    }
+
+    /// Makes it the scene of a monitor: it has one output, which is this reading, without faults and without delay.
+    #[must_use]
+    pub fn monitored(mut self, monitored: Monitored) -> Self {
+        self.setting.latencies.array_s = (0.0, 0.0);
+        Scene { monitored: Some(monitored), faults: SceneFaults::new(Vec::new()), ..self }
     }
 
     /// Starts the press of this number at `now_s`. From here on every random stream and the load cell's clock belong to that
@@ -201,6 +213,10 @@ impl Scene {
     /// # Panics
     /// If the length of `outputs` isn't the number of outputs.
     pub fn outputs(&mut self, now_s: f64, outputs: &mut [f64]) {
+        if let Some(monitored) = &self.monitored {
+            outputs.fill(monitored.reading(self.temperature_c(now_s)));
+            return;
+        }
         self.advance(now_s);
         let [x_n, y_n] = self.friction_n();
         self.taxels.outputs([x_n, y_n, self.contact.force_n()], self.place(now_s), now_s, outputs);
@@ -208,7 +224,7 @@ impl Scene {
 
     /// Number of outputs of the array: one for each channel of each taxel.
     pub fn taxels(&self) -> usize {
-        self.setting.layout.len()
+        if self.monitored.is_some() { 1 } else { self.setting.layout.len() }
     }
 
     /// Temperature at `now_s`, degrees Celsius; `None` if the scene doesn't name one.

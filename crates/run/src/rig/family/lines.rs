@@ -11,7 +11,7 @@ use palpate_drivers::{AnyArray, AnyLoadCell};
 use palpate_link::device::{DeviceError, DeviceProblem};
 use palpate_link::wire::Link;
 use palpate_sim::emulator::lines::{
-    BoardFirmware, Bota, Gsv8, Hx711, Hx711Sketch, Mark10, NetFt, ReSkin, STRAIGHT, SerialBoard, Velostat,
+    BoardFirmware, Bota, Gsv8, Hx711, Hx711Sketch, Mark10, NetFt, OneNumber, ReSkin, STRAIGHT, SerialBoard, Velostat,
 };
 use palpate_sim::scene::SceneDevice;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ use std::sync::Arc;
 pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     name: "lines",
     meaning: "any device that sends lines of numbers or frames of bytes, with a line profile",
-    simulated: "hx711, mark-10, ati-netft, bota-serial and me-gsv8 as load cells, reskin, mlx90393-text and velostat-16 as arrays",
+    simulated: "hx711, mark-10, ati-netft, bota-serial and me-gsv8 as load cells, reskin, mlx90393-text, velostat-16 and one-number as arrays",
     stage: None,
     load_cell: Some(Role {
         words: &[],
@@ -209,6 +209,7 @@ impl ArrayDriver for LineArraySpec {
             "reskin" => Ok(board(ReSkin::new(MAGNETOMETERS_HZ))),
             "mlx90393-text" => Ok(board(ReSkin::text(MAGNETOMETERS_HZ))),
             "velostat-16" => Ok(board(Velostat::new(b',', MATRIX_BAUD))),
+            "one-number" => Ok(board(OneNumber)),
             _ => Err(self.0.not_emulated(SceneDevice::Array)),
         }
     }
@@ -235,7 +236,7 @@ impl Sender {
         let text = format!(
             "a line profile of your own can't be simulated, because nothing else knows the device \"{}\": for a simulated run \
              write driver = {{ process = [\"python3\", \"read.py\"] }} in [{}] and no `link`: its emulator has any array and any force, and \
-             read.py needn't exist. Or use one of the profiles hx711, mark-10, ati-netft, bota-serial and me-gsv8 (load cell), reskin, mlx90393-text and velostat-16 (array)",
+             read.py needn't exist. Or use one of the profiles hx711, mark-10, ati-netft, bota-serial and me-gsv8 (load cell), reskin, mlx90393-text, velostat-16 and one-number (array)",
             self.file.name, section
         );
         let (device, doing) = (role.name().to_owned(), "opening it".to_owned());

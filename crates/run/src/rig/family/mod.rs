@@ -21,7 +21,7 @@ pub(super) use list::choices;
 
 use super::spec::{ArrayDriver, Driver, LoadCellDriver, OwnFile, StageDriver};
 use palpate_core::quantity::ArrayLayout;
-use palpate_document::{Bounds, Key, Problem, Problems, Table, with_nearest};
+use palpate_document::{Bounds, Key, Problem, Problems, Span, Table, with_nearest};
 use palpate_link::device::{self, DeviceError};
 use std::any::Any;
 use std::sync::Arc;
@@ -73,7 +73,13 @@ pub(super) type Beside<'a> = &'a dyn Fn(&str) -> std::io::Result<String>;
 /// Describes the outputs of an array for a user: as units, if each unit has one output.
 fn counted(layout: &ArrayLayout) -> String {
     let units = layout.units().len();
-    if layout.len() == units { format!("{units} units") } else { format!("{} outputs of {units} units", layout.len()) }
+    if layout.len() == 1 {
+        "1 unit".to_owned()
+    } else if layout.len() == units {
+        format!("{units} units")
+    } else {
+        format!("{} outputs of {units} units", layout.len())
+    }
 }
 
 /// Returns a driver as a specific type of its role; `None` if it has another type.
@@ -137,6 +143,11 @@ fn own_file<T>(
             None
         }
     }
+}
+
+/// Returns a problem with the advice that a driver may give.
+pub(super) fn with_help(span: Span, text: String, help: Option<&str>) -> Problem {
+    help.into_iter().fold(Problem::new(span, text), Problem::help)
 }
 
 /// Returns the error of a driver that can't play a role.

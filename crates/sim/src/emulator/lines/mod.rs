@@ -14,6 +14,7 @@
 //! - [`Bota`], [`Gsv8`]: load cells with six axes that send frames on a serial line.
 //! - [`ReSkin`]: binary frames of magnetometers, ReSkin and AnySkin.
 //! - [`Velostat`]: a pressure matrix at the converter of an Arduino.
+//! - [`OneNumber`]: an Arduino that prints one number a line.
 
 pub(super) mod axes;
 mod bota;
@@ -23,6 +24,7 @@ mod hx711;
 mod mark10;
 mod mlx90393;
 mod net_ft;
+mod one_number;
 mod port;
 mod print;
 mod reskin;
@@ -38,6 +40,7 @@ pub use hx711::{Hx711, Hx711Sketch};
 pub use mark10::Mark10;
 pub use mlx90393::REST_MICROTESLA;
 pub use net_ft::NetFt;
+pub use one_number::OneNumber;
 pub use port::Port;
 pub use reskin::ReSkin;
 pub use velostat::Velostat;
