@@ -453,7 +453,7 @@ fn dragged(plan: &Plan, rig: &RigSpec) -> String {
 
 /// Describes what levels that are followed over time can show.
 fn followed(plan: &Plan, rig: &RigSpec) -> String {
-    let times_s = plan.entries.iter().map(|entry| entry.task.follow_s).filter(|follow_s| *follow_s > 0.0);
+    let times_s = plan.entries.iter().map(|entry| entry.task.follow_s()).filter(|follow_s| *follow_s > 0.0);
     let Some(longest_s) = times_s.reduce(f64::max) else { return String::new() };
     let hz = rig.load_cell.conversions_hz;
     format!(

@@ -40,6 +40,7 @@ const PAGES: &[(&str, &str)] = pages!(
     "tutorials/own-sensor",
     "tutorials/robot",
     "how-to/recipe",
+    "how-to/over-time",
     "how-to/without-load-cell",
     "how-to/own-data",
     "how-to/files",

@@ -23,9 +23,9 @@ Examples:
   palpate export --model sensor.palpate --format c --out sensor.c
 
 Tables: presses, calibration_matrix, test_matrix, characteristics, truth (of a
-simulated run), series (readings, if the run keeps them). Each column has its unit and its definition, each file the
-manifest of the run. csv, parquet and arrow: a folder with a file for each table.
-npz and mat: one file for each run. Nothing is overwritten.
+simulated run), monitors, series. Each column has its unit and definition, each
+file the manifest of the run. csv, parquet and arrow: a folder with a file for each table.
+npz, mat and h5: one file for each run. Nothing is overwritten.
 A lake has a Parquet file for each run and table, in folders by design, batch and
 sensor. A run that was exported before replaces its files.
 
@@ -33,9 +33,9 @@ c: a sensor file of `palpate fit` as one C99 file, for a controller: tables and
 one function, single precision, no heap. Methods: pearson, pearson-lsq, surrogate,
 physics.
 
-Parquet, arrow, npz, mat and the lake need the feature `files`.";
+All but csv and c need the feature `files`.";
 
-/// Export runs to CSV, Parquet, Arrow, NumPy, MATLAB or C
+/// Export runs to CSV, Parquet, Arrow, NumPy, MATLAB, HDF5 or C
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct ExportArgs {
@@ -48,10 +48,10 @@ pub(super) struct ExportArgs {
     /// Format of the files
     #[arg(long, value_name = "NAME", required_unless_present = "lake")]
     format: Option<ExportChoice>,
-    /// Output file of one run as npz or mat; otherwise a new folder [default: NAME.npz, NAME-csv, ...]
+    /// Output file of one run as npz, mat or h5; otherwise a new folder [default: NAME.npz, NAME-csv, ...]
     #[arg(long, value_name = "PATH", conflicts_with = "lake")]
     out: Option<PathBuf>,
-    /// Add the runs to the lake in this folder
+    /// Add the runs to this lake
     #[arg(long, value_name = "DIR", conflicts_with = "format")]
     lake: Option<PathBuf>,
     #[command(flatten)]

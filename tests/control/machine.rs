@@ -3,13 +3,14 @@
 
 use palpate_control::{
     Branch, ContactMap, Context, ForceLoop, LearnedContact, LoopCommand, LoopEvent, Moment, NO_LOAD_READINGS,
-    NoLoadReadings, Permit, Permitted, PressLevel, PressTask, SafetyRule, SetPoint, Shot, Softest, Steer, Strategy,
-    Timing, Zero, safe_speed_mm_s,
+    NoLoadReadings, OverTime, Permit, Permitted, PressLevel, PressTask, SafetyRule, SetPoint, Shot, Softest, Steer,
+    Strategy, Timing, Zero, safe_speed_mm_s,
 };
 use palpate_core::quantity::{Axis, Limits, Place, RandomStream, Steps, stream};
 use palpate_testing::campaign;
 use rand::RngExt;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::thread;
 
 /// Steps with each of the two drivers.
@@ -138,11 +139,13 @@ fn task(rng: &mut RandomStream, limits: &Limits) -> PressTask {
         sample_s: rng.random_range(0.01..0.5),
         strategy: Strategy::ALL[rng.random_range(0..3)],
         sample_after_s: rng.random_bool(0.3).then(|| rng.random_range(0.1..3.0)),
-        follow_s: if rng.random_bool(0.8) { 0.0 } else { rng.random_range(0.0..9.0) },
-        // of a heavy press the way back is out of reach by the declared stiffness
-        ramps_mm_s: (0..if is_light { rng.random_range(0..3) } else { 0 })
-            .map(|_| 10f64.powf(rng.random_range(-2.0..1.0)))
-            .collect(),
+        over_time: Some(Arc::new(OverTime {
+            follow_s: if rng.random_bool(0.8) { 0.0 } else { rng.random_range(0.0..9.0) },
+            // of a heavy press the way back is out of reach by the declared stiffness
+            ramps_mm_s: (0..if is_light { rng.random_range(0..3) } else { 0 })
+                .map(|_| 10f64.powf(rng.random_range(-2.0..1.0)))
+                .collect(),
+        })),
         drag: None,
     }
 }
@@ -253,7 +256,7 @@ fn answers(command: &LoopCommand, event: &LoopEvent) -> bool {
 }
 
 fn most_commands(task: &PressTask) -> usize {
-    COMMANDS_MORE + COMMANDS_A_LEVEL * task.levels.len() + 8 * task.ramps_mm_s.len()
+    COMMANDS_MORE + COMMANDS_A_LEVEL * task.levels.len() + 8 * task.ramps_mm_s().len()
 }
 
 /// The specimen of a plausible driver: no stiffer than declared, its surface no earlier than expected, depths within reach.

@@ -48,7 +48,7 @@ pub use response::{Changed, LearnedOutputs, MeasuredContact};
 pub use side::SideZero;
 pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::{Expected, TOUCH_SIGMA_MM};
-pub use task::{Branch, PressLevel, PressTask, SetPoint, Strategy};
+pub use task::{Branch, OverTime, PressLevel, PressTask, SetPoint, Strategy};
 pub use trip::{SafetyRule, Trip};
 pub use watch::{STALE_S, Watch, check_sound};
 pub use zero::Zero;

@@ -83,6 +83,15 @@ pub struct PressLevel {
     pub branch: Branch,
 }
 
+/// What a press does over time after its last level, while all devices are read.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OverTime {
+    /// Rest at the last level, s; 0: none.
+    pub follow_s: f64,
+    /// Speeds of ramps away from the specimen and back to where the level was held, mm/s.
+    pub ramps_mm_s: Vec<f64>,
+}
+
 /// Measurements of one contact, in this order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PressTask {
@@ -101,11 +110,8 @@ pub struct PressTask {
     /// Time at which the window of the first level begins, s from contact. `None`: the window begins when the level is reached
     /// and held.
     pub sample_after_s: Option<f64>,
-    /// Time for which the last level is followed after its window, s: all devices are read at rest. 0: not at all.
-    pub follow_s: f64,
-    /// Speeds of the ramps after the last level, mm/s: away from the specimen, and back to where the level was held. Presses with the same
-    /// ramps share them.
-    pub ramps_mm_s: Arc<[f64]>,
+    /// What follows over time after the last level; `None`: nothing. Presses with the same share it.
+    pub over_time: Option<Arc<OverTime>>,
     /// Drag after the last level, which is sampled at its end; `None`: none. Presses with the same drag share it: a plan may have a
     /// million of them.
     pub drag: Option<Arc<Drag>>,
@@ -130,6 +136,16 @@ impl PressTask {
         let up = (0..=steps).map(|i| level(i, Branch::Loading));
         let down = (0..steps).rev().map(|i| level(i, Branch::Unloading));
         up.chain(down).collect()
+    }
+
+    /// Rest at the last level in which all devices are read, s.
+    pub fn follow_s(&self) -> f64 {
+        self.over_time.as_ref().map_or(0.0, |over_time| over_time.follow_s)
+    }
+
+    /// Speeds of the ramps after the last level, mm/s.
+    pub fn ramps_mm_s(&self) -> &[f64] {
+        self.over_time.as_ref().map_or(&[], |over_time| &over_time.ramps_mm_s)
     }
 
     /// The drag after the last level.

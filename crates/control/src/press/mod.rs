@@ -232,8 +232,8 @@ impl ForceLoop {
 
     fn next_level(&mut self) -> Result<LoopCommand, Trip> {
         match self.level() {
-            None if self.task.follow_s > 0.0 && !self.followed => {
-                self.go(PressState::Following, LoopCommand::Follow(self.task.follow_s))
+            None if self.task.follow_s() > 0.0 && !self.followed => {
+                self.go(PressState::Following, LoopCommand::Follow(self.task.follow_s()))
             }
             None if self.ramp_ahead() => self.ramp(),
             None if self.drag_ahead().is_some() => self.average_axes(PressState::Bracing),

@@ -23,12 +23,12 @@ pub(super) struct RampProgress {
 impl ForceLoop {
     /// Whether ramps remain to be made.
     pub(super) fn ramp_ahead(&self) -> bool {
-        self.in_contact && self.ramped.made < 2 * self.task.ramps_mm_s.len()
+        self.in_contact && self.ramped.made < 2 * self.task.ramps_mm_s().len()
     }
 
     /// Begins the next motion of the ramps, no faster than the rig allows. The first one begins only if the way back would be permitted.
     pub(super) fn ramp(&mut self) -> Result<LoopCommand, Trip> {
-        let asked_mm_s = self.task.ramps_mm_s.get(self.ramped.made / 2).copied().unwrap_or_default();
+        let asked_mm_s = self.task.ramps_mm_s().get(self.ramped.made / 2).copied().unwrap_or_default();
         let speed_mm_s = asked_mm_s.min(self.context.speed_mm_s);
         if !self.ramped.made.is_multiple_of(2) {
             return self.ramp_back(speed_mm_s);

@@ -73,8 +73,7 @@ impl PressBench {
             timing,
         };
         let task = PressTask {
-            follow_s: 0.0,
-            ramps_mm_s: Arc::default(),
+            over_time: None,
             levels: self.levels.clone(),
             force_tolerance_n: self.tolerance_n,
             depth_tolerance_mm: 0.02,

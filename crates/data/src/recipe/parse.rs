@@ -4,7 +4,7 @@ use super::accept::{Accept, read_rule};
 use super::keys::{self, cells, cycles, drag, evaluate, grid, list, press, random, record, root, staircase, step};
 use super::{Checks, KEYS, Manner, PRESSES_MAX, Phase, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice};
 use palpate_control::Drag;
-use palpate_core::quantity::round;
+use palpate_core::quantity::{Place, round};
 use palpate_document::{self as document, Key, Problem, Problems, Table};
 
 /// Files of a run folder that an acceptance file would overwrite.
@@ -162,6 +162,7 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
         table.complain(Problem::new(table.span_of(&step::depth_mm), "`depth_mm` is empty: nothing to press"));
     }
     let staircase = read_staircase(table);
+    let cycles = read_cycles(table);
     let own = [&step::force_n, &step::depth_mm, &step::staircase].map(|key| table.has(key));
     let loads = own.into_iter().chain(inner).filter(|is_there| *is_there).count();
     if phase == Some(Phase::Rest) && loads > 0 {
@@ -178,7 +179,7 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
     let load_span = table.span_of(&load_key.unwrap_or(step::phase));
     let load = match phase {
         Some(Phase::Rest) => Some(StepLoad::Rest),
-        Some(Phase::Cycles) => read_cycles(table, force),
+        Some(Phase::Cycles) => cycles_of(table, cycles, force),
         _ => random_load.or(force).or(depths.map(StepLoad::Depths)).or(staircase),
     };
     let places_span = places_key.map_or(table.span(), |key| table.span_of(&key));
@@ -234,26 +235,36 @@ fn check_follows(table: &Table, phase: Option<Phase>, manner: &Manner) {
     }
 }
 
-/// Reads many presses at one place.
-fn read_cycles(step_table: &Table, force: Option<StepLoad>) -> Option<StepLoad> {
-    if !step_table.has(&step::cycles) {
-        let help = "add cycles = { presses = 10000, reference_mm = [[5.0, 5.0]] }";
-        step_table.complain(Problem::new(step_table.span(), "the phase \"cycles\" needs `cycles`").help(help));
-        return None;
-    }
+/// Reads many presses at one place: their number, that between reference presses, and the reference place.
+fn read_cycles(step_table: &Table) -> Option<(u64, u64, Place)> {
     let table = step_table.table(&step::cycles)?;
     let (presses, every) = (table.whole(&cycles::presses), table.whole(&cycles::reference_every));
     let references = table.places(&cycles::reference_mm)?;
-    let Some(StepLoad::Force(force_n)) = force else {
-        step_table.complain(Problem::new(table.span(), "`cycles` needs one force").help("add force_n = 1.0"));
-        return None;
-    };
     let [(reference, _)] = references[..] else {
         let text = format!("`reference_mm` has {} places, expected one", references.len());
         table.complain(Problem::new(table.span_of(&cycles::reference_mm), text).help("write [[x, y]]"));
         return None;
     };
-    Some(StepLoad::Cycles { force_n, presses: presses?, reference_every: every?, reference })
+    Some((presses?, every?, reference))
+}
+
+/// Returns the load of a step of the phase cycles, which has one force.
+fn cycles_of(table: &Table, cycles: Option<(u64, u64, Place)>, force: Option<StepLoad>) -> Option<StepLoad> {
+    let complain = |text: &str, help: &str| table.complain(Problem::new(table.span(), text).help(help));
+    if !table.has(&step::cycles) {
+        complain(
+            "the phase \"cycles\" needs `cycles`",
+            "add cycles = { presses = 10000, reference_mm = [[5.0, 5.0]] }",
+        );
+    }
+    let (presses, reference_every, reference) = cycles?;
+    match force {
+        Some(StepLoad::Force(force_n)) => Some(StepLoad::Cycles { force_n, presses, reference_every, reference }),
+        _ => {
+            complain("`cycles` needs one force", "add force_n = 1.0");
+            None
+        }
+    }
 }
 
 /// Reads the drags of a step, one for each direction; none if it has no `drag`.
@@ -544,7 +555,7 @@ mod tests {
             [
                 "r.toml:3:10: `hold_s` is 86401, must be 0 to 86400 s",
                 "r.toml:4:12: `sample_s` is a string, expected a number in s",
-                "r.toml:6:9: `phase` is \"tset\", expected one of characterisation, calibration, test",
+                "r.toml:6:9: `phase` is \"tset\", expected one of characterisation, calibration, test, creep, ramp, rest, cycles",
             ]
         );
     }

@@ -4,7 +4,7 @@ use super::accept::force_limits;
 use super::keys::{press, record, root};
 use super::training::{Entry, training};
 use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice};
-use palpate_control::{DEPTH_MARGIN_MM, Drag, DragLimits, PressLevel, PressTask, SetPoint, Strategy};
+use palpate_control::{DEPTH_MARGIN_MM, Drag, DragLimits, OverTime, PressLevel, PressTask, SetPoint, Strategy};
 use palpate_core::quantity::{
     ArrayLayout, Axis, Frame, Limits, Place, Range, StageAbilities, Travel, cell_centres, round, stream,
 };
@@ -283,7 +283,8 @@ impl Step {
             StepLoad::RandomForce(_) | StepLoad::Depths(_) | StepLoad::RandomDepth(_) => Arc::default(),
             StepLoad::Staircase { to_n, step_n, .. } => PressTask::staircase(*to_n, *step_n),
         };
-        let ramps_mm_s: Arc<[f64]> = self.ramps_mm_s.clone().into();
+        let over_time = OverTime { follow_s: self.manner.follow_s, ramps_mm_s: self.ramps_mm_s.clone() };
+        let over_time = (over_time != OverTime::default()).then(|| Arc::new(over_time));
         for (place, _) in places {
             let entry = |levels: Arc<[PressLevel]>, rest_after_s| Entry {
                 press: 0,
@@ -298,8 +299,7 @@ impl Step {
                     // a depth is found by steps below the touch
                     strategy: if self.load.most_mm() > 0.0 { Strategy::Guarded } else { self.manner.strategy },
                     sample_after_s: self.manner.sample_after_s,
-                    follow_s: self.manner.follow_s,
-                    ramps_mm_s: ramps_mm_s.clone(),
+                    over_time: over_time.clone(),
                     drag: None,
                 },
                 rest_after_s,

@@ -3,7 +3,6 @@
 use super::Phase;
 use palpate_control::{Branch, PressTask, Strategy};
 use palpate_core::quantity::{Limits, Place};
-use std::sync::Arc;
 
 /// One contact of the plan.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,8 +47,7 @@ pub(super) fn training(steps: &mut Vec<Vec<Entry>>, next: usize, limits: &Limits
             hold_s: 0.0,
             strategy: Strategy::Guarded,
             sample_after_s: None,
-            follow_s: 0.0,
-            ramps_mm_s: Arc::default(),
+            over_time: None,
             drag: None,
             ..entry.task
         },

@@ -10,7 +10,6 @@ use palpate_control::{MotionContext, PressTask, SafetyRule, Strategy, Trip};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{NoLoad, Record, Retouch};
 use palpate_data::recipe::Plan;
-use std::sync::Arc;
 
 /// Largest allowed move of a surface that was touched before, mm: half of the indenter's clearance during travel.
 const MOVED_MOST_MM: f64 = TRAVEL_CLEARANCE_MM / 2.0;
@@ -57,8 +56,7 @@ impl Runner<'_> {
                 sample_s: TOUCH_SAMPLE_S,
                 strategy: Strategy::Guarded,
                 sample_after_s: None,
-                follow_s: 0.0,
-                ramps_mm_s: Arc::default(),
+                over_time: None,
                 drag: None,
             };
             let task = if by_hand { again(known, self.plan).unwrap_or(task) } else { task };

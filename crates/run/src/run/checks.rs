@@ -10,7 +10,6 @@ use palpate_control::{Changed, MeasuredContact, PressTask, SetPoint, Strategy};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{CheckChange, Left, Record, RecordedCheck, RecordedContact};
 use palpate_data::recipe::{Checks, Entry, Phase, Plan};
-use std::sync::Arc;
 
 /// Number of the first check, for random values. It is far above the numbers of planned contacts.
 const CHECKED: u64 = 1 << 61;
@@ -94,8 +93,7 @@ fn again(entry: &Entry, number: u64, set: SetPoint) -> Entry {
     let task = PressTask {
         levels: PressTask::one(set),
         strategy: Strategy::Guarded,
-        follow_s: 0.0,
-        ramps_mm_s: Arc::default(),
+        over_time: None,
         drag: None,
         ..entry.task.clone()
     };

@@ -163,7 +163,6 @@ mod tests {
     use palpate_control::{PressTask, Strategy};
     use palpate_data::dataset::Memory;
     use palpate_data::recipe::{Checks, Entry, Phase, SeriesScope};
-    use std::sync::Arc;
 
     fn contact(press: u64, learned_contact: LearnedContact) -> Record {
         let left = Some(Left { z_mm: -0.2 - press as f64 });
@@ -189,8 +188,7 @@ mod tests {
                 sample_s: 0.1,
                 strategy: Strategy::Guarded,
                 sample_after_s: None,
-                follow_s: 0.0,
-                ramps_mm_s: Arc::default(),
+                over_time: None,
                 drag: None,
             },
             rest_after_s: 0.0,
