@@ -67,7 +67,7 @@ fn creep_of_the_taxels_is_found_in_what_was_followed() {
 }
 
 #[test]
-fn wear_is_told_from_the_drift_of_the_rig_and_every_press_counts_once_after_kills() {
+fn wear_is_separated_from_the_drift_of_the_rig_and_every_press_counts_once_after_kills() {
     let presses = campaign::size(CYCLES.0, CYCLES.1);
     let (every, references) = (presses / 24, 25);
     let worn = (WEAR / presses as f64).max(WEAR_A_PRESS);

@@ -124,7 +124,7 @@ fn a_press_waits_for_the_bounds_then_the_run_stops_and_resume_continues() {
         "{rest}"
     );
     assert!(rest.contains("help: bring the value within its bounds, then continue with `palpate resume`"), "{rest}");
-    assert_eq!(rest.matches("waiting").count(), 0, "a person is told once");
+    assert_eq!(rest.matches("waiting").count(), 0, "a person is informed once");
     let made = bench.column("run/presses.csv", "press").len();
     assert!((1..7).contains(&made), "{made}");
     assert!(numbers(&bench, "run/monitors.csv", "value").iter().all(|value| *value <= 23.8));

@@ -359,13 +359,19 @@ impl ForceLoop {
     }
 
     fn advance(&mut self, state: PressState, z_mm: f64, speed_mm_s: f64) -> Result<LoopCommand, Trip> {
+        let granted = self.grant(z_mm, speed_mm_s)?;
+        self.go(state, LoopCommand::Move(granted))
+    }
+
+    /// Permits a motion toward the specimen, which begins now.
+    fn grant(&mut self, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
         let z_mm = self.in_steps_mm(z_mm);
         let granted = self.context.permit.advance(&self.context(), z_mm, speed_mm_s)?;
         let profile =
             MotionProfile::new(z_mm - self.z_mm, granted.speed_mm_s(), self.context.timing.acceleration_mm_s2);
         self.motion =
             Some(MotionInProgress { from_mm: self.z_mm, from_n: self.force_n, began_s: self.moment.now_s, profile });
-        self.go(state, LoopCommand::Move(granted))
+        Ok(granted)
     }
 
     /// Returns a trip if a contact is harder than declared. The limit comes from the declared stiffness and the deepest position

@@ -5,7 +5,7 @@
 use super::ForceLoop;
 use super::dialogue::LoopCommand;
 use super::state::{PressState, STEP_LEAST_MM};
-use crate::permit::MotionContext;
+use crate::permit::{MotionContext, Permitted};
 use crate::trip::{SafetyRule, Trip};
 
 /// Distance from the surface at which a ramp away from it ends, mm.
@@ -26,13 +26,20 @@ impl ForceLoop {
         self.in_contact && self.ramped.made < 2 * self.task.ramps_mm_s().len()
     }
 
-    /// Begins the next motion of the ramps, no faster than the rig allows. The first one begins only if the way back would be permitted.
+    /// Begins the next motion of the ramps, no faster than the rig allows.
     pub(super) fn ramp(&mut self) -> Result<LoopCommand, Trip> {
         let asked_mm_s = self.task.ramps_mm_s().get(self.ramped.made / 2).copied().unwrap_or_default();
         let speed_mm_s = asked_mm_s.min(self.context.speed_mm_s);
-        if !self.ramped.made.is_multiple_of(2) {
-            return self.ramp_back(speed_mm_s);
-        }
+        let granted = match self.ramped.made.is_multiple_of(2) {
+            true => self.ramp_away(speed_mm_s)?,
+            false => self.grant(self.ramped.held_mm, speed_mm_s)?,
+        };
+        self.ramped.made += 1;
+        self.go(PressState::Ramping, LoopCommand::Ramp(granted))
+    }
+
+    /// Permits a motion away from the specimen, only if the way back would be permitted.
+    fn ramp_away(&mut self, speed_mm_s: f64) -> Result<Permitted, Trip> {
         let surface_mm = self.touched_mm().unwrap_or(self.first_mm).min(self.first_mm).min(self.z_mm);
         let clear_mm = self.in_steps_mm(surface_mm - CLEAR_MM);
         let there = MotionContext { z_mm: clear_mm, force_n: 0.0, ..self.context() };
@@ -41,18 +48,7 @@ impl ForceLoop {
             return Err(Trip::new(SafetyRule::OutOfReach, self.z_mm, deepest_mm, "mm"));
         }
         (self.ramped.held_mm, self.motion) = (self.z_mm, None);
-        let granted = self.context.permit.retract(self.z_mm, clear_mm, speed_mm_s)?;
-        self.ramped.made += 1;
-        self.go(PressState::Ramping, LoopCommand::Ramp(granted))
-    }
-
-    /// Begins a motion back to where the level was held.
-    fn ramp_back(&mut self, speed_mm_s: f64) -> Result<LoopCommand, Trip> {
-        self.ramped.made += 1;
-        match self.advance(PressState::Ramping, self.ramped.held_mm, speed_mm_s)? {
-            LoopCommand::Move(granted) => Ok(LoopCommand::Ramp(granted)),
-            other => Ok(other),
-        }
+        self.context.permit.retract(self.z_mm, clear_mm, speed_mm_s)
     }
 
     /// Takes the force at rest at the end of a motion. A ramp that came back must show the contact again.

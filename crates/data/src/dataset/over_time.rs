@@ -51,6 +51,9 @@ struct PressedPlace {
 pub fn followed(run: &Recorded) -> Result<Vec<Followed>, DatasetError> {
     let Some(mark) = &run.series else { return Ok(Vec::new()) };
     let mut all: Vec<(Followed, [f64; 2])> = run.contacts.iter().flat_map(|contact| begun(run, contact)).collect();
+    if all.is_empty() {
+        return Ok(Vec::new());
+    }
     let series = RecordedSeries::open(&run.path, mark.bytes)?;
     let names: Vec<&str> = series.columns().iter().skip(1).map(|column| column.name.as_str()).collect();
     let at = |name: &str| names.iter().position(|column| *column == name).unwrap_or_default();

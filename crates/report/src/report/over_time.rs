@@ -30,10 +30,9 @@ type Points = Vec<(f64, f64)>;
 
 /// Creates the sections of a run with levels that were followed, or with presses that were repeated many times.
 pub(super) fn sections(subject: &Subject) -> Vec<Section> {
-    let of_phase = |phase: Phase| -> Vec<Followed> {
-        let all = subject.runs.iter().flat_map(|run| followed(run).unwrap_or_default());
-        all.filter(|followed| followed.phase == phase).collect()
-    };
+    // reads the file of each run once
+    let all: Vec<Followed> = subject.runs.iter().flat_map(|run| followed(run).unwrap_or_default()).collect();
+    let of_phase = |phase: Phase| -> Vec<&Followed> { all.iter().filter(|followed| followed.phase == phase).collect() };
     let cycles: Vec<Cycled> = subject.runs.iter().flat_map(cycled).collect();
     [
         creep(&of_phase(Phase::Creep)),
@@ -47,7 +46,7 @@ pub(super) fn sections(subject: &Subject) -> Vec<Section> {
 }
 
 /// Creates the section of the levels that were followed under load.
-fn creep(all: &[Followed]) -> Option<Section> {
+fn creep(all: &[&Followed]) -> Option<Section> {
     if all.is_empty() {
         return None;
     }
@@ -78,7 +77,11 @@ fn creep(all: &[Followed]) -> Option<Section> {
             "A change that continues for longer than it was followed has no time constant here."
         }
     };
-    Section::of_figures("Creep under load", &note, all.iter().take(MOST_DRAWN).map(drawn).collect())
+    Section::of_figures(
+        "Creep under load",
+        &note,
+        all.iter().take(MOST_DRAWN).map(|followed| drawn(followed)).collect(),
+    )
 }
 
 fn quantities(followed: &Followed) -> [(String, &[Vec<f64>; 2]); 2] {
@@ -138,7 +141,7 @@ fn means(t_s: &[f64], values: &[f64]) -> Points {
 }
 
 /// Creates the section of the noise without load.
-fn rest(all: &[Followed]) -> Option<Section> {
+fn rest(all: &[&Followed]) -> Option<Section> {
     let mut rows = Vec::new();
     let mut drawn = Vec::new();
     for followed in all {

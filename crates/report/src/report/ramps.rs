@@ -22,17 +22,17 @@ const HUES: [Hue; 4] = [Hue::Blue, Hue::Orange, Hue::Green, Hue::Ink];
 type Points = Vec<(f64, f64)>;
 
 /// Creates the section; `None` without ramps.
-pub(super) fn section(all: &[Followed]) -> Option<Section> {
-    let presses: Vec<&[Followed]> = all.chunk_by(|a, b| a.press == b.press).collect();
+pub(super) fn section(all: &[&Followed]) -> Option<Section> {
+    let presses: Vec<&[&Followed]> = all.chunk_by(|a, b| a.press == b.press).collect();
     let mut rows = Vec::new();
     for press in &presses {
         for pair in press.chunks_exact(2) {
-            let [away, back] = [&pair[0], &pair[1]].map(curve);
+            let [away, back] = [pair[0], pair[1]].map(curve);
             let Some(&(most_n, output)) = back.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
             let gap = gap(&away, &back, most_n).map(|gap| 100.0 * gap / output.abs());
             rows.push(vec![
                 words(format!("{} at {}, {} mm", pair[0].press, pair[0].place.x_mm, pair[0].place.y_mm)),
-                number("speed_mm_s", speed_mm_s(&pair[0]), 3, ""),
+                number("speed_mm_s", speed_mm_s(pair[0]), 3, ""),
                 number("force_most_n", most_n, 3, ""),
                 words(format!("output {}", pair[0].output)),
                 number("output_most", output, 4, ""),
@@ -81,7 +81,7 @@ fn output_at(curve: &Points, force_n: f64) -> Option<f64> {
     Some(if to_n == from_n { from } else { from + (to - from) * (force_n - from_n) / (to_n - from_n) })
 }
 
-fn drawn(press: &&[Followed]) -> PageFigure {
+fn drawn(press: &&[&Followed]) -> PageFigure {
     let (mut marks, mut legend, mut rows) = (Vec::new(), Vec::new(), Vec::new());
     let (mut most_n, mut least, mut most) = (0.0f64, 0.0f64, 0.0f64);
     for (index, followed) in press.iter().enumerate() {

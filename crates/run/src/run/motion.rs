@@ -49,29 +49,28 @@ struct Driven {
 impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Moves along z to a permitted end. The force is read meanwhile and passed to the press, which may change the speed or stop
     /// the motion.
-    pub(super) async fn move_z(&mut self, granted: Permitted, mut press: Option<&mut ForceLoop>) -> Result<(), Halt> {
-        let target_mm = self.stage_z_mm(granted.z_mm());
-        let from_mm = self.stage_z_mm(self.z_mm);
-        let steer = |force_n, now_s| press.as_mut().map_or(Steer::On, |press| press.see(force_n, now_s));
-        let driven = self.drive(&[(Axis::Z, target_mm)], granted.speed_mm_s(), target_mm - from_mm, steer).await?;
-        self.moved_z(driven, from_mm, target_mm).await
+    pub(super) async fn move_z(&mut self, granted: Permitted, press: Option<&mut ForceLoop>) -> Result<(), Halt> {
+        self.move_along_z(granted, press, false).await
     }
 
     /// Does the same while the outputs are read too, and keeps the readings.
     pub(super) async fn ramp_z(&mut self, granted: Permitted, press: &mut ForceLoop) -> Result<(), Halt> {
-        let (target_mm, from_mm) = (self.stage_z_mm(granted.z_mm()), self.stage_z_mm(self.z_mm));
-        self.reads_outputs = true;
         self.series.iter().for_each(|series| series.window(true));
-        let steer = |force_n, now_s| press.see(force_n, now_s);
-        let driven = self.drive(&[(Axis::Z, target_mm)], granted.speed_mm_s(), target_mm - from_mm, steer).await;
-        self.reads_outputs = false;
-        let moved = self.moved_z(driven?, from_mm, target_mm).await;
+        let moved = self.move_along_z(granted, Some(press), true).await;
         self.series.iter().for_each(|series| series.window(false));
         moved
     }
 
-    /// Checks where a motion of z ended.
-    async fn moved_z(&mut self, driven: Driven, from_mm: f64, target_mm: f64) -> Result<(), Halt> {
+    async fn move_along_z(
+        &mut self,
+        granted: Permitted,
+        mut press: Option<&mut ForceLoop>,
+        reads_outputs: bool,
+    ) -> Result<(), Halt> {
+        let (target_mm, from_mm) = (self.stage_z_mm(granted.z_mm()), self.stage_z_mm(self.z_mm));
+        let steer = |force_n, now_s| press.as_mut().map_or(Steer::On, |press| press.see(force_n, now_s));
+        let (targets, way_mm) = ([(Axis::Z, target_mm)], target_mm - from_mm);
+        let driven = self.drive(&targets, granted.speed_mm_s(), way_mm, reads_outputs, steer).await?;
         if driven.stopped {
             // it comes to rest after its controller reports the end
             self.cell.settle().await?;
@@ -212,7 +211,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let targets = SIDEWAYS.map(|axis| (axis, target.along(axis)));
         let touch_n = permit.detect_n();
         let steer = |force_n: f64, _| if force_n.abs() >= touch_n { Steer::Stop } else { Steer::On };
-        let driven = self.drive(&targets, self.usage.speed_mm_s, way_mm(self.place, place), steer).await?;
+        let driven = self.drive(&targets, self.usage.speed_mm_s, way_mm(self.place, place), false, steer).await?;
         if driven.stopped {
             return Err(self.touched_on_the_way(touch_n));
         }
@@ -229,7 +228,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
         self.cell.watch.pause();
         let speed_mm_s = self.usage.home_speed_mm_s;
-        let driven = self.drive(&[(Axis::Z, target_mm)], speed_mm_s, target_mm - from_mm, |_, _| Steer::On).await?;
+        let driven =
+            self.drive(&[(Axis::Z, target_mm)], speed_mm_s, target_mm - from_mm, false, |_, _| Steer::On).await?;
         self.arrived_z(driven.places_mm.first().copied(), target_mm).await
     }
 
@@ -242,12 +242,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         self.read_back_z().await
     }
 
-    /// Moves axes toward targets until they are at rest. Every force is watched and passed to `steer`.
+    /// Moves axes toward targets until they are at rest. Every force is watched and passed to `steer`. With `reads_outputs`, the outputs are
+    /// read meanwhile.
     async fn drive(
         &mut self,
         targets: &[(Axis, f64)],
         speed_mm_s: f64,
         way_mm: f64,
+        reads_outputs: bool,
         mut steer: impl FnMut(f64, f64) -> Steer,
     ) -> Result<Driven, Halt> {
         let expected = seconds(MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s());
@@ -267,7 +269,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             due.set(due.get().map(|_| begun.get() + due_after.mul_f64(orders.slowness())));
             steer(force_n, watched_cell.now_s())
         };
-        let places_mm = if self.reads_outputs {
+        let places_mm = if reads_outputs {
             let (clear, mut means) = (Cell::new(true), OutputMeans::default());
             let motion = with_outputs(motion, &clear, |_| true, &mut self.array, &mut means);
             watched(&mut self.cell, pin!(motion), &orders, &due, steered).await?

@@ -53,8 +53,6 @@ pub(super) struct RigControl<'a, S, C, A> {
     pub array: Recorded<A>,
     /// Recorder of the readings of presses, if they are kept.
     pub series: Option<Rc<SeriesRecorder>>,
-    /// Whether the outputs are read during a motion of z.
-    pub reads_outputs: bool,
     pub frame: Frame,
     pub usage: StageUse,
     pub timing: Timing,
@@ -373,7 +371,6 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
             cell,
             array: Recorded::new(array),
             series: None,
-            reads_outputs: false,
             frame,
             usage,
             timing,
