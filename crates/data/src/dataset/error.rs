@@ -1,6 +1,6 @@
 //! Reasons why a run couldn't be recorded or read.
 
-use super::SeriesError;
+use super::SeriesWriteError;
 use super::files;
 use super::journal::{JOURNAL, JournalError};
 use miette::Diagnostic;
@@ -125,7 +125,7 @@ pub enum DatasetError {
     #[diagnostic(help(
         "free disk space or use a faster disk, then continue with `palpate resume`: acknowledged presses are stored"
     ))]
-    Readings(#[from] SeriesError),
+    Readings(#[from] SeriesWriteError),
     /// The manifest is invalid.
     #[error("{}{at}: {problem}", path.display())]
     #[diagnostic(help("`palpate rebuild` regenerates it from the run's journal"))]

@@ -10,6 +10,8 @@
 
 mod acceptance;
 pub mod answers;
+#[cfg(feature = "files")]
+pub mod arrow;
 pub mod calibration;
 mod cell;
 pub mod characteristics;
@@ -84,8 +86,8 @@ pub use record::{
 };
 pub use recorded::{Recorded, Texts, journal_sha256, source_fingerprint};
 pub use series::{
-    ReadValue, Reading, Readings, SERIES, SeriesColumn, SeriesError, SeriesMark, SeriesQueue, SeriesRequest,
-    series_columns, series_queue,
+    ReadValue, SERIES, SeriesColumn, SeriesMark, SeriesQueue, SeriesReading, SeriesReadings, SeriesRequest,
+    SeriesWriteError, series_columns, series_queue,
 };
 #[cfg(feature = "files")]
 pub use series::{RecordedSeries, SeriesBatch};

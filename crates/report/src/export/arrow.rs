@@ -3,10 +3,10 @@
 //! Fields have the metadata `unit` and `definition`, and a schema has `palpate.manifest`. A missing value is null.
 
 use super::frame::{ExportTable, Values};
-use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, StringArray};
-use arrow_buffer::NullBuffer;
+use arrow_array::{ArrayRef, BooleanArray, Int64Array, RecordBatch, StringArray};
 use arrow_ipc::writer::FileWriter;
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
+use palpate_data::dataset::arrow;
 use parquet::arrow::ArrowWriter;
 use parquet::basic::Compression;
 use parquet::file::metadata::KeyValue;
@@ -30,9 +30,7 @@ pub fn schema(frame: &ExportTable) -> Schema {
             Values::Text(_) => (DataType::Utf8, true),
             Values::Bool(_) => (DataType::Boolean, false),
         };
-        let metadata = [("unit", &column.unit), ("definition", &column.definition)];
-        let metadata = metadata.map(|(key, text)| (key.to_owned(), text.clone()));
-        Field::new(&column.name, kind, may_miss).with_metadata(HashMap::from(metadata))
+        arrow::field(&column.name, kind, may_miss, [&column.unit, &column.definition])
     });
     Schema::new(fields.collect::<Vec<Field>>())
 }
@@ -44,11 +42,7 @@ pub fn schema(frame: &ExportTable) -> Schema {
 pub fn batch(frame: ExportTable, schema: SchemaRef) -> io::Result<RecordBatch> {
     let array = |values: Values| -> ArrayRef {
         match values {
-            Values::F64(numbers) => {
-                let missing = numbers.iter().any(|number| number.is_nan());
-                let known = missing.then(|| numbers.iter().map(|number| !number.is_nan()).collect::<NullBuffer>());
-                Arc::new(Float64Array::new(numbers.into(), known))
-            }
+            Values::F64(numbers) => arrow::numbers(numbers),
             Values::I64(counts) => Arc::new(Int64Array::from(counts)),
             Values::Text(texts) => Arc::new(texts.iter().map(|text| text.as_deref()).collect::<StringArray>()),
             Values::Bool(values) => Arc::new(BooleanArray::from(values)),

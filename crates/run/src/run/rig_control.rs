@@ -1,7 +1,7 @@
 //! The instruments in use.
 
 use super::no_load_outputs::NoLoadOutputs;
-use super::series::{Recorded, SeriesRecorder};
+use super::series::{RecordedDevice, SeriesRecorder};
 use super::window::OutputMeans;
 use super::{Cancel, Halt};
 use crate::rig::{AdjustedCell, ArraySpec, GroundTruth};
@@ -50,7 +50,7 @@ pub(super) const OUTPUTS_ON_THE_WAY: u32 = 20;
 pub(super) struct RigControl<'a, S, C, A> {
     pub stage: S,
     pub cell: WatchedLoadCell<'a, C>,
-    pub array: Recorded<A>,
+    pub array: RecordedDevice<A>,
     /// Recorder of the readings of presses, if they are kept.
     pub series: Option<Rc<SeriesRecorder>>,
     pub frame: Frame,
@@ -78,7 +78,7 @@ pub(super) struct RigControl<'a, S, C, A> {
 
 /// Load cell with its watch, read no faster than it converts.
 pub(super) struct WatchedLoadCell<'a, C> {
-    pub cell: Recorded<C>,
+    pub cell: RecordedDevice<C>,
     pub watch: Watch,
     pub cancel: &'a Cancel,
     /// Called for every force, to show it to a person.
@@ -107,7 +107,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         let now = Instant::now();
         let no_load = NoLoadForces::default();
         WatchedLoadCell {
-            cell: Recorded::new(cell),
+            cell: RecordedDevice::new(cell),
             watch,
             cancel,
             shown,
@@ -369,7 +369,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
         RigControl {
             stage,
             cell,
-            array: Recorded::new(array),
+            array: RecordedDevice::new(array),
             series: None,
             frame,
             usage,

@@ -5,7 +5,9 @@
 use super::Halt;
 use super::clock::RunClock;
 use palpate_core::quantity::{ForceReading, Identity};
-use palpate_data::dataset::{DatasetError, NoLoad, ReadValue, Reading, Readings, SeriesError, SeriesMark, SeriesQueue};
+use palpate_data::dataset::{
+    DatasetError, NoLoad, ReadValue, SeriesMark, SeriesQueue, SeriesReading, SeriesReadings, SeriesWriteError,
+};
 use palpate_data::recipe::SeriesScope;
 use palpate_link::device::{DeviceError, LoadCell, SensorArray};
 use std::cell::RefCell;
@@ -26,7 +28,7 @@ pub(super) struct SeriesRecorder {
 /// Readings of the press under way.
 #[derive(Default)]
 struct Pressing {
-    readings: Readings,
+    readings: SeriesReadings,
     /// Number of values in them.
     values: usize,
     /// Whether a press is under way, and whether a window is.
@@ -36,7 +38,7 @@ struct Pressing {
     no_load: Option<NoLoad>,
     /// Least difference of our time and the load cell's.
     origin_s: Option<f64>,
-    failed: Option<SeriesError>,
+    failed: Option<SeriesWriteError>,
 }
 
 impl SeriesRecorder {
@@ -49,7 +51,7 @@ impl SeriesRecorder {
     pub(super) fn begin(&self, press: u64) {
         let mut pressing = self.pressing.borrow_mut();
         let origin_s = pressing.origin_s;
-        let readings = Readings { press, rows: Vec::new() };
+        let readings = SeriesReadings { press, rows: Vec::new() };
         *pressing = Pressing { readings, in_press: true, origin_s, ..Pressing::default() };
     }
 
@@ -85,21 +87,21 @@ impl SeriesRecorder {
         let origin_s = pressing.origin_s.map_or(difference_s, |known_s| known_s.min(difference_s));
         pressing.origin_s = Some(origin_s);
         let value = ReadValue::Force { force_n: reading.force_n, side_n: reading.side_n };
-        self.add(pressing, Reading { t_s, taken_s: Some(reading.at_s + origin_s), value });
+        self.add(pressing, SeriesReading { t_s, taken_s: Some(reading.at_s + origin_s), value });
     }
 
     fn outputs(&self, outputs: &[f64]) {
         let value = ReadValue::Outputs(outputs.to_vec());
-        self.add(self.pressing.borrow_mut(), Reading { t_s: self.clock.now_s(), taken_s: None, value });
+        self.add(self.pressing.borrow_mut(), SeriesReading { t_s: self.clock.now_s(), taken_s: None, value });
     }
 
     /// Adds z, read back, mm in the specimen frame.
     pub(super) fn height(&self, z_mm: f64) {
         let value = ReadValue::Height(z_mm);
-        self.add(self.pressing.borrow_mut(), Reading { t_s: self.clock.now_s(), taken_s: None, value });
+        self.add(self.pressing.borrow_mut(), SeriesReading { t_s: self.clock.now_s(), taken_s: None, value });
     }
 
-    fn add(&self, mut pressing: std::cell::RefMut<'_, Pressing>, reading: Reading) {
+    fn add(&self, mut pressing: std::cell::RefMut<'_, Pressing>, reading: SeriesReading) {
         let is_kept = match self.scope {
             SeriesScope::None => false,
             SeriesScope::Window => pressing.in_window,
@@ -121,7 +123,7 @@ impl Pressing {
     fn send(&mut self, queue: &SeriesQueue) {
         let press = self.readings.press;
         self.values = 0;
-        let mut readings = std::mem::replace(&mut self.readings, Readings { press, rows: Vec::new() });
+        let mut readings = std::mem::replace(&mut self.readings, SeriesReadings { press, rows: Vec::new() });
         if let Some(no_load) = &self.no_load {
             readings.rows.iter_mut().for_each(|reading| reading.value.count_from(no_load));
         }
@@ -132,18 +134,18 @@ impl Pressing {
 }
 
 /// Device whose readings may be kept.
-pub(super) struct Recorded<D> {
+pub(super) struct RecordedDevice<D> {
     pub device: D,
     pub series: Option<Rc<SeriesRecorder>>,
 }
 
-impl<D> Recorded<D> {
+impl<D> RecordedDevice<D> {
     pub(super) fn new(device: D) -> Self {
-        Recorded { device, series: None }
+        RecordedDevice { device, series: None }
     }
 }
 
-impl<C: LoadCell> LoadCell for Recorded<C> {
+impl<C: LoadCell> LoadCell for RecordedDevice<C> {
     async fn prepare(&mut self) -> Result<Identity, DeviceError> {
         self.device.prepare().await
     }
@@ -163,7 +165,7 @@ impl<C: LoadCell> LoadCell for Recorded<C> {
     }
 }
 
-impl<A: SensorArray> SensorArray for Recorded<A> {
+impl<A: SensorArray> SensorArray for RecordedDevice<A> {
     async fn prepare(&mut self) -> Result<Identity, DeviceError> {
         self.device.prepare().await
     }

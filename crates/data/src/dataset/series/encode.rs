@@ -1,10 +1,9 @@
 //! Readings as record batches of Arrow.
 
-use super::{COMMON, ReadValue, Readings, SeriesColumn};
-use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch};
-use arrow_buffer::NullBuffer;
+use super::{COMMON, ReadValue, SeriesColumn, SeriesReadings};
+use crate::dataset::arrow;
+use arrow_array::{ArrayRef, Int64Array, RecordBatch};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
-use std::collections::HashMap;
 use std::io;
 use std::sync::Arc;
 
@@ -16,15 +15,13 @@ pub(super) fn schema(columns: &[SeriesColumn]) -> Schema {
             1 => (DataType::Float64, false),
             _ => (DataType::Float64, true),
         };
-        let metadata = [("unit", column.unit.clone()), ("definition", column.definition.clone())];
-        let metadata = metadata.map(|(key, text)| (key.to_owned(), text));
-        Field::new(&column.name, kind, may_miss).with_metadata(HashMap::from(metadata))
+        arrow::field(&column.name, kind, may_miss, [&column.unit, &column.definition])
     };
     Schema::new(columns.iter().enumerate().map(field).collect::<Vec<Field>>())
 }
 
 /// Returns readings as a batch of that schema. The columns that a reading doesn't fill are null.
-pub(super) fn batch(readings: &Readings, schema: &SchemaRef, three_axes: bool) -> io::Result<RecordBatch> {
+pub(super) fn batch(readings: &SeriesReadings, schema: &SchemaRef, three_axes: bool) -> io::Result<RecordBatch> {
     let (rows, columns) = (readings.rows.len(), schema.fields().len());
     let first_output = if three_axes { COMMON + 2 } else { COMMON };
     let mut numbers: Vec<Vec<f64>> = (1..columns).map(|_| vec![f64::NAN; rows]).collect();
@@ -51,11 +48,7 @@ pub(super) fn batch(readings: &Readings, schema: &SchemaRef, three_axes: bool) -
         }
     }
     let press = Int64Array::from(vec![readings.press as i64; rows]);
-    let others = numbers.into_iter().map(|numbers| -> ArrayRef {
-        let missing = numbers.iter().any(|number| number.is_nan());
-        let known = missing.then(|| numbers.iter().map(|number| !number.is_nan()).collect::<NullBuffer>());
-        Arc::new(Float64Array::new(numbers.into(), known))
-    });
+    let others = numbers.into_iter().map(arrow::numbers);
     let arrays: Vec<ArrayRef> = std::iter::once(Arc::new(press) as ArrayRef).chain(others).collect();
     RecordBatch::try_new(schema.clone(), arrays).map_err(io::Error::other)
 }

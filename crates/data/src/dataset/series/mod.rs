@@ -14,7 +14,7 @@ mod read;
 mod writer;
 
 pub(super) use check::{cut, problems};
-pub use queue::{SeriesError, SeriesQueue, SeriesRequest, series_queue};
+pub use queue::{SeriesQueue, SeriesRequest, SeriesWriteError, series_queue};
 #[cfg(feature = "files")]
 pub use read::{RecordedSeries, SeriesBatch};
 #[cfg(feature = "files")]
@@ -29,16 +29,16 @@ pub const SERIES: &str = "series.arrows";
 
 /// Readings of one press, in the order in which they arrived.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Readings {
+pub struct SeriesReadings {
     /// Number of the entry in the plan.
     pub press: u64,
     /// The readings.
-    pub rows: Vec<Reading>,
+    pub rows: Vec<SeriesReading>,
 }
 
 /// One reading of one device.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Reading {
+pub struct SeriesReading {
     /// Time at which the answer arrived, s since the run's start.
     pub t_s: f64,
     /// Time at which the device took the reading, s since the run's start; `None` if the device reports no time.
@@ -115,18 +115,18 @@ pub fn series_columns(channels: usize, three_axes: bool, unit: &str) -> Vec<Seri
     COLUMNS[..common].iter().copied().map(column).chain(outputs).collect()
 }
 
-impl Readings {
+impl SeriesReadings {
     /// Number of values, which bounds their memory.
     pub fn values(&self) -> usize {
-        self.rows.iter().map(Reading::values).sum()
+        self.rows.iter().map(SeriesReading::values).sum()
     }
 }
 
-impl Reading {
+impl SeriesReading {
     /// Number of values of 8 bytes that it takes in memory.
     pub fn values(&self) -> usize {
         let outputs = if let ReadValue::Outputs(outputs) = &self.value { outputs.len() } else { 0 };
-        size_of::<Reading>() / size_of::<f64>() + outputs
+        size_of::<SeriesReading>() / size_of::<f64>() + outputs
     }
 }
 

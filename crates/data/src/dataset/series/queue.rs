@@ -1,6 +1,6 @@
 //! Queue of readings from a run to its file. A run never waits for the disk while it is in contact.
 
-use super::{Readings, SeriesMark};
+use super::{SeriesMark, SeriesReadings};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,7 +15,7 @@ const DISK_MOST: Duration = Duration::from_secs(60);
 
 /// Reason why readings weren't kept.
 #[derive(Debug, thiserror::Error)]
-pub enum SeriesError {
+pub enum SeriesWriteError {
     /// The disk is slower than the devices.
     #[error("the disk takes readings more slowly than they come: {} MB wait for it", (QUEUED_MOST * 8) >> 20)]
     Behind,
@@ -39,9 +39,9 @@ pub enum SeriesError {
 #[derive(Debug)]
 pub enum SeriesRequest {
     /// Add readings.
-    Add(Readings),
+    Add(SeriesReadings),
     /// Bring everything so far to the disk, and answer with the mark.
-    Mark(Sender<Result<SeriesMark, SeriesError>>),
+    Mark(Sender<Result<SeriesMark, SeriesWriteError>>),
 }
 
 /// End of the queue at which a run adds readings.
@@ -70,24 +70,24 @@ impl SeriesQueue {
     ///
     /// # Errors
     /// Too many readings wait already, or their writer has ended.
-    pub fn add(&self, readings: Readings) -> Result<(), SeriesError> {
+    pub fn add(&self, readings: SeriesReadings) -> Result<(), SeriesWriteError> {
         let values = readings.values();
         if self.queued.fetch_add(values, Ordering::Relaxed) + values > QUEUED_MOST {
-            return Err(SeriesError::Behind);
+            return Err(SeriesWriteError::Behind);
         }
-        self.requests.send(SeriesRequest::Add(readings)).map_err(|_| SeriesError::Closed)
+        self.requests.send(SeriesRequest::Add(readings)).map_err(|_| SeriesWriteError::Closed)
     }
 
     /// Waits until everything so far is on the disk. Only for an indenter in the clear.
     ///
     /// # Errors
     /// The readings couldn't be written, or the disk takes too long.
-    pub fn mark(&self) -> Result<SeriesMark, SeriesError> {
+    pub fn mark(&self) -> Result<SeriesMark, SeriesWriteError> {
         let (sender, answer) = channel();
-        self.requests.send(SeriesRequest::Mark(sender)).map_err(|_| SeriesError::Closed)?;
+        self.requests.send(SeriesRequest::Mark(sender)).map_err(|_| SeriesWriteError::Closed)?;
         answer.recv_timeout(DISK_MOST).map_err(|error| match error {
-            RecvTimeoutError::Timeout => SeriesError::Silent,
-            RecvTimeoutError::Disconnected => SeriesError::Closed,
+            RecvTimeoutError::Timeout => SeriesWriteError::Silent,
+            RecvTimeoutError::Disconnected => SeriesWriteError::Closed,
         })?
     }
 }
@@ -107,12 +107,12 @@ impl Iterator for SeriesRequests {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{ReadValue, Reading};
+    use super::super::{ReadValue, SeriesReading};
     use super::*;
 
-    fn readings(channels: usize) -> Readings {
-        let reading = Reading { t_s: 0.0, taken_s: None, value: ReadValue::Outputs(vec![0.0; channels]) };
-        Readings { press: 0, rows: vec![reading] }
+    fn readings(channels: usize) -> SeriesReadings {
+        let reading = SeriesReading { t_s: 0.0, taken_s: None, value: ReadValue::Outputs(vec![0.0; channels]) };
+        SeriesReadings { press: 0, rows: vec![reading] }
     }
 
     #[test]
@@ -130,7 +130,7 @@ mod tests {
     fn writer_that_ended_is_an_error_not_a_wait() {
         let (queue, requests) = series_queue();
         drop(requests);
-        assert!(matches!(queue.add(readings(1)), Err(SeriesError::Closed)));
-        assert!(matches!(queue.mark(), Err(SeriesError::Closed)));
+        assert!(matches!(queue.add(readings(1)), Err(SeriesWriteError::Closed)));
+        assert!(matches!(queue.mark(), Err(SeriesWriteError::Closed)));
     }
 }

@@ -2,7 +2,8 @@
 
 use super::queue::SeriesRequests;
 use super::{
-    Readings, SERIES, SeriesColumn, SeriesError, SeriesMark, SeriesQueue, SeriesRequest, encode, series_queue,
+    SERIES, SeriesColumn, SeriesMark, SeriesQueue, SeriesReadings, SeriesRequest, SeriesWriteError, encode,
+    series_queue,
 };
 use crate::dataset::{Durability, files};
 use arrow_ipc::writer::StreamWriter;
@@ -53,7 +54,7 @@ struct SeriesFile {
     durability: Durability,
     bytes: u64,
     hash: Sha256,
-    failed: Option<SeriesError>,
+    failed: Option<SeriesWriteError>,
 }
 
 impl SeriesFile {
@@ -89,7 +90,7 @@ impl SeriesFile {
         }
     }
 
-    fn add(&mut self, readings: &Readings) -> io::Result<()> {
+    fn add(&mut self, readings: &SeriesReadings) -> io::Result<()> {
         let batch = encode::batch(readings, &self.schema, self.three_axes)?;
         self.writer.write(&batch).map_err(io::Error::other)?;
         self.write()
@@ -113,7 +114,7 @@ impl SeriesFile {
         Ok(SeriesMark { bytes: self.bytes, sha256 })
     }
 
-    fn io(&self, why: io::Error) -> SeriesError {
-        SeriesError::Io { path: self.path.clone(), why }
+    fn io(&self, why: io::Error) -> SeriesWriteError {
+        SeriesWriteError::Io { path: self.path.clone(), why }
     }
 }
