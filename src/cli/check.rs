@@ -6,7 +6,7 @@ use super::tables::filled;
 use super::text_table::{TextTable, cells};
 use crate::api::sources::{RigOptions, Sources};
 use crate::api::{ConfirmOptions, Failure};
-use palpate_control::{LEARNED, depth_without_force_mm, safe_speed_mm_s};
+use palpate_control::{LEARNED, PressTask, depth_without_force_mm, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, COVERAGE, Limits, Tilt, round};
 use palpate_data::acceptance::{Decision, LimitCheck, SensorVerdict};
 use palpate_data::dataset::{Truths, foreseen};
@@ -453,7 +453,8 @@ fn dragged(plan: &Plan, rig: &RigSpec) -> String {
 
 /// Describes what levels that are followed over time can show.
 fn followed(plan: &Plan, rig: &RigSpec) -> String {
-    let times_s = plan.entries.iter().map(|entry| entry.task.follow_s()).filter(|follow_s| *follow_s > 0.0);
+    let of_task = |task: &PressTask| (0..task.levels.len()).map(|level| task.follow_s(level)).fold(0.0, f64::max);
+    let times_s = plan.entries.iter().map(|entry| of_task(&entry.task)).filter(|follow_s| *follow_s > 0.0);
     let Some(longest_s) = times_s.reduce(f64::max) else { return String::new() };
     let hz = rig.load_cell.conversions_hz;
     format!(

@@ -131,6 +131,7 @@ fn task(rng: &mut RandomStream, limits: &Limits) -> PressTask {
         2 => PressTask::one(SetPoint::Depth(depth_mm)),
         _ => PressTask::press(force_n),
     };
+    let follow_s = if rng.random_bool(0.8) { 0.0 } else { rng.random_range(0.0..9.0) };
     PressTask {
         levels,
         force_tolerance_n: limits.force_n * 10f64.powf(rng.random_range(-3.0..-1.0)),
@@ -140,7 +141,8 @@ fn task(rng: &mut RandomStream, limits: &Limits) -> PressTask {
         strategy: Strategy::ALL[rng.random_range(0..3)],
         sample_after_s: rng.random_bool(0.3).then(|| rng.random_range(0.1..3.0)),
         over_time: Some(Arc::new(OverTime {
-            follow_s: if rng.random_bool(0.8) { 0.0 } else { rng.random_range(0.0..9.0) },
+            holds_force: follow_s > 4.5,
+            follow_s: vec![follow_s; 4],
             // of a heavy press the way back is out of reach by the declared stiffness
             ramps_mm_s: (0..if is_light { rng.random_range(0..3) } else { 0 })
                 .map(|_| 10f64.powf(rng.random_range(-2.0..1.0)))

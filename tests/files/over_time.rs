@@ -2,7 +2,7 @@
 
 use palpate_data::dataset::{Recorded, cycled, followed};
 use palpate_solver::over_time::{relaxation, wear};
-use palpate_testing::{Live, TestFolder, campaign, shipped_text};
+use palpate_testing::{Live, TestFolder, campaign, exchanged, shipped_text};
 use std::collections::BTreeSet;
 
 /// Presses at one place: quick and full.
@@ -39,10 +39,10 @@ fn page_has_a_figure_and_a_table_for_each_phase() {
     bench.palpate_ends(0, "run r.toml --out run");
     bench.palpate_ends(0, "report run --figures figures");
     let page = bench.read("run/report.html");
-    for title in ["Creep under load", "Ramps", "Noise and drift without load", "Wear by many presses"] {
+    for title in ["Creep under load", "Ramps", "Waves", "Noise and drift without load", "Wear by many presses"] {
         assert!(page.contains(title), "{title}");
     }
-    for figure in ["creep-1", "creep-2", "ramps-3", "allan-0", "cycles-2-0"] {
+    for figure in ["creep-1", "creep-3", "ramps-4", "wave-5", "allan-0", "cycles-2-0"] {
         assert!(bench.has(&format!("figures/{figure}.csv")), "{figure}");
     }
 }
@@ -104,6 +104,40 @@ fn wear_is_separated_from_the_drift_of_the_rig_and_every_press_counts_once_after
 }
 
 #[test]
+fn force_is_restored_where_the_recipe_holds_it() {
+    let relaxation = "[{ share = 0.05, time_s = 0.3 }, { share = 0.05, time_s = 5.0 }]";
+    let rig = exchanged(&shipped_text("rigs/sim.toml"), relaxation, "[{ share = 0.12, time_s = 6.0 }]");
+    let step = |phase: &str| format!("[[step]]\nphase = {phase}\nunits = [5]\n");
+    let held = "\"creep\"\nforce_n = 1.0\nfollow_s = 30.0";
+    let wave = "\"wave\"\nwave = { force_n = [0.4, 1.0, 0.6, 0.0, 0.8], for_s = [6.0, 6.0, 6.0, 3.0, 6.0] }";
+    let steps = [held.to_owned(), format!("{held}\nholds = \"force\""), wave.to_owned()].map(|phase| step(&phase));
+    let recipe = format!(
+        "name = \"r\"\nrig = \"rig.toml\"\nchecks = \"none\"\n[record]\nseries = \"window\"\n{}",
+        steps.concat()
+    );
+    let bench = TestFolder::with([("r.toml", recipe.as_str()), ("rig.toml", rig.as_str())]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let all = followed(&Recorded::read(&bench.path("run")).unwrap()).unwrap();
+    let mean = |index: usize, from_s: f64| {
+        let [t_s, force_n] = &all[index].force_n;
+        let forces: Vec<f64> =
+            t_s.iter().zip(force_n).filter(|(t_s, _)| (from_s..from_s + 0.9).contains(*t_s)).map(|(_, n)| *n).collect();
+        forces.iter().sum::<f64>() / forces.len() as f64
+    };
+    let [relaxed_n, restored_n] = [0, 1].map(|index| mean(index, 28.0));
+    assert!(relaxed_n < 0.95, "z rests: {relaxed_n} N");
+    assert!((0.97..=1.0).contains(&restored_n), "the force stays: {restored_n} N");
+    let most_n = all[1].force_n[1].iter().copied().fold(0.0, f64::max);
+    assert!(most_n < 1.02, "{most_n} N of 1 N, with noise");
+    assert!(mean(2, 4.5) > 0.38 && all[2].force_n[0].last().is_some_and(|span_s| (27.0..60.0).contains(span_s)));
+    let forces_n: Vec<f64> =
+        bench.column("run/presses.csv", "force_n").iter().map(|cell| cell.parse().unwrap()).collect();
+    for (force_n, set_n) in forces_n.iter().skip(2).zip([0.4, 1.0, 0.6, 0.0, 0.8]) {
+        assert!((force_n - set_n).abs() < 0.03, "{force_n} of {set_n} N");
+    }
+}
+
+#[test]
 fn phases_over_time_are_refused_where_they_are_incomplete() {
     let recipe = |step: &str, record: &str| {
         format!("name = \"r\"\nrig = \"sim\"\n{record}[[step]]\nlist = {{ places_mm = [[0, 0]] }}\n{step}\n")
@@ -119,6 +153,23 @@ fn phases_over_time_are_refused_where_they_are_incomplete() {
         ),
         ("phase = \"rest\"\nforce_n = 1.0\nfollow_s = 9.0", window, "a rest has no force and no depth"),
         ("phase = \"test\"\nforce_n = 1.0\nfollow_s = 9.0", window, "`follow_s` isn't used in the phase \"test\""),
+        ("phase = \"wave\"\nforce_n = 1.0", window, "the phase \"wave\" needs `wave`"),
+        (
+            "phase = \"wave\"\nwave = { force_n = [0.2, 0.4], for_s = [1, 2, 3] }",
+            window,
+            "`for_s` has 3 times for 2 forces",
+        ),
+        ("phase = \"wave\"\nwave = { force_n = [0.0], for_s = 1 }", window, "has no force above 0"),
+        (
+            "phase = \"wave\"\nwave = { force_n = [0.2, 9], for_s = 1 }",
+            window,
+            "presses with 9 N, over the specimen's limit",
+        ),
+        (
+            "phase = \"ramp\"\nforce_n = 1.0\nramps_mm_s = 1.0\nholds = \"force\"",
+            window,
+            "`holds` isn't used in the phase \"ramp\"",
+        ),
         ("phase = \"cycles\"\nforce_n = 1.0", "", "the phase \"cycles\" needs `cycles`"),
         (&format!("phase = \"test\"\nforce_n = 1.0\n{cycles}"), "", "`cycles` isn't used in the phase \"test\""),
         (&format!("phase = \"cycles\"\n{cycles}"), "", "`cycles` needs one force"),

@@ -1,6 +1,9 @@
 //! Monitors: their values are recorded beside each press, the next press waits for their bounds, and the temperature widens the uncertainty.
 
-use palpate_testing::{TestFolder, exchanged, shipped_text};
+use palpate_core::quantity::Place;
+use palpate_data::dataset::{Recorded, WarmedQuantity, warmed};
+use palpate_solver::over_time::temperature_coefficient;
+use palpate_testing::{TestFolder, campaign, exchanged, shipped_text};
 
 const RECIPE: &str = r#"name = "monitored"
 
@@ -175,6 +178,46 @@ fn the_temperature_widens_the_uncertainty_as_the_certificate_states() {
     let joined = |text: String| text.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(joined(checked("blind")).contains(warning), "{}", checked("blind"));
     assert!(!joined(checked("warm")).contains(warning) && !joined(checked("plain")).contains(warning));
+}
+
+#[test]
+fn coefficients_of_zeros_and_gains_are_those_of_the_scene() {
+    const ZERO: f64 = 0.002;
+    const GAIN: f64 = -0.004;
+    const CELL_N: f64 = 0.004;
+    let thermometer = monitor("temperature_c", "process = [\"thermometer\"]", "every_s = 1.0");
+    let scene = format!(
+        "{thermometer}\n[scene]\ntemperature = {{ mean_c = 23.0, amplitude_c = 3.0, period_s = 500.0, taxel_zero_per_c = {ZERO}, \
+         taxel_gain_per_c = {GAIN}, load_cell_zero_n_per_c = {CELL_N} }}"
+    );
+    let rig = exchanged(&shipped_text("rigs/sim.toml"), "[scene]", &scene);
+    let presses = campaign::size(150, 1500);
+    let recipe = format!(
+        "name = \"r\"\nchecks = \"none\"\n[[step]]\nphase = \"cycles\"\nlist = {{ places_mm = [[0, 0]] }}\nforce_n = 1.0\n\
+         cycles = {{ presses = {presses}, reference_every = 10, reference_mm = [[4, 4]] }}\n"
+    );
+    let bench = TestFolder::with([("r.toml", recipe.as_str()), ("rig.toml", rig.as_str())]);
+    bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
+    let mut seen = 0;
+    for found in warmed(&Recorded::read(&bench.path("run")).unwrap()) {
+        let truth = match found.quantity {
+            WarmedQuantity::ForceZero => CELL_N,
+            WarmedQuantity::OutputZero(_) => ZERO,
+            WarmedQuantity::LogGain(_) => GAIN,
+        };
+        let coefficient = temperature_coefficient(&found.points).unwrap();
+        let [from, to] = coefficient.per_c.interval;
+        let (value, half) = (coefficient.per_c.value, (to - from) / 2.0);
+        println!("{:?}: {value:.6} ({from:.6} to {to:.6}), true {truth}", found.quantity);
+        assert!((value - truth).abs() < (0.05 * truth.abs()).max(2.0 * half), "{:?}: {value}", found.quantity);
+        // few presses at the reference place, where the outputs are small
+        let is_faint = found.quantity == WarmedQuantity::LogGain(Place::new(4.0, 4.0));
+        assert!(is_faint || half < 0.5 * truth.abs(), "{:?}: {from} to {to}", found.quantity);
+        seen += 1;
+    }
+    assert_eq!(seen, 1 + 9 + 2);
+    bench.palpate_ends(0, "report run");
+    assert!(bench.read("run/report.html").contains("zero of output 9"));
 }
 
 #[test]

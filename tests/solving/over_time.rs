@@ -3,7 +3,8 @@
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::stream;
 use palpate_solver::over_time::{
-    CyclePoint, PlannedTerm, Term, Wear, allan_deviation, noise_sd, relaxation, relaxation_bound, wear,
+    CyclePoint, OverTimeError, PlannedTerm, TemperaturePoint, Term, Wear, allan_deviation, noise_sd, relaxation,
+    relaxation_bound, temperature_coefficient, wear,
 };
 use palpate_testing::campaign;
 use rand::distr::Distribution as _;
@@ -213,4 +214,39 @@ fn allan_deviation_of_white_noise_falls_and_of_a_random_walk_rises_as_the_root_o
             assert!((square / truth - 1.0).abs() < 5.0 * sd + 0.002, "{is_walk} {n}: {square} {truth} {sd}");
         }
     }
+}
+
+/// Values of a zero that follows a temperature and drifts, with white noise: one each 30 s.
+fn warmed(count: usize, temperature_c: impl Fn(f64) -> f64, per_c: f64, draw: u64) -> Vec<TemperaturePoint> {
+    let point = |(i, normal): (usize, f64)| {
+        let t_s = 30.0 * i as f64;
+        let temperature_c = temperature_c(t_s);
+        let value = 0.4 + per_c * temperature_c - 1e-5 * t_s + NOISE * normal;
+        TemperaturePoint { t_s, temperature_c, value }
+    };
+    normal(draw, "temperature").take(count).enumerate().map(point).collect()
+}
+
+#[test]
+fn temperature_coefficients_are_as_near_as_their_values_allow() {
+    const PER_C: f64 = 0.02;
+    // a room that is heated every 40 minutes and becomes warmer
+    let room_c = |t_s: f64| 22.0 + 1.5 * (t_s / 382.0).sin() + t_s / 7200.0;
+    let found = draws(|draw| temperature_coefficient(&warmed(240, room_c, PER_C, *draw)).unwrap());
+    let covered: Vec<bool> = found.iter().map(|found| contains(found.per_c.interval, PER_C)).collect();
+    assert_covered("temperature coefficient", &covered);
+    let error = root_mean_square(found.iter().map(|found| found.per_c.value / PER_C - 1.0));
+    // for a sine without a trend: sd of the noise over the root of the sum of squares
+    let bound = NOISE / (1.5 * (240.0f64 / 2.0).sqrt()) / PER_C;
+    println!("temperature coefficient: rms error {:.2} %, bound {:.2} %", 100.0 * error, 100.0 * bound);
+    assert!(error < ERROR_MOST && error < OF_BOUND_MOST * bound);
+}
+
+#[test]
+fn temperature_that_follows_the_time_shows_no_coefficient() {
+    let rising = warmed(240, |t_s| 22.0 + t_s / 3600.0, 0.02, 1);
+    assert_eq!(temperature_coefficient(&rising), Err(OverTimeError::Singular));
+    let constant = warmed(240, |_| 22.0, 0.02, 1);
+    assert_eq!(temperature_coefficient(&constant), Err(OverTimeError::Singular));
+    assert_eq!(temperature_coefficient(&constant[..7]), Err(OverTimeError::TooFew { readings: 7, needed: 8 }));
 }

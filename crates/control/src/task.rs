@@ -83,11 +83,13 @@ pub struct PressLevel {
     pub branch: Branch,
 }
 
-/// What a press does over time after its last level, while all devices are read.
+/// What a press does over time after the windows of its levels, while all devices are read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OverTime {
-    /// Rest at the last level, s; 0: none.
-    pub follow_s: f64,
+    /// Times for which the levels are followed, s, in their order; 0 or none: not at all.
+    pub follow_s: Vec<f64>,
+    /// Whether the force is restored meanwhile; otherwise z rests.
+    pub holds_force: bool,
     /// Speeds of ramps away from the specimen and back to where the level was held, mm/s.
     pub ramps_mm_s: Vec<f64>,
 }
@@ -110,7 +112,7 @@ pub struct PressTask {
     /// Time at which the window of the first level begins, s from contact. `None`: the window begins when the level is reached
     /// and held.
     pub sample_after_s: Option<f64>,
-    /// What follows over time after the last level; `None`: nothing. Presses with the same share it.
+    /// What is followed over time; `None`: nothing. Presses with the same share it.
     pub over_time: Option<Arc<OverTime>>,
     /// Drag after the last level, which is sampled at its end; `None`: none. Presses with the same drag share it: a plan may have a
     /// million of them.
@@ -128,6 +130,16 @@ impl PressTask {
         Arc::new([PressLevel { set, branch: Branch::Loading }])
     }
 
+    /// Returns the levels of forces, one after another; each is reached from the force before.
+    pub fn forces(forces_n: &[f64]) -> Arc<[PressLevel]> {
+        let level = |(index, force_n): (usize, &f64)| {
+            let before_n = index.checked_sub(1).map_or(0.0, |before| forces_n[before]);
+            let branch = if *force_n < before_n { Branch::Unloading } else { Branch::Loading };
+            PressLevel { set: SetPoint::Force(*force_n), branch }
+        };
+        forces_n.iter().enumerate().map(level).collect()
+    }
+
     /// Returns the levels of a staircase: 0, step, ..., top, ..., step, 0.
     pub fn staircase(to_n: f64, step_n: f64) -> Arc<[PressLevel]> {
         let steps = (to_n / step_n).round().max(1.0) as usize;
@@ -138,9 +150,19 @@ impl PressTask {
         up.chain(down).collect()
     }
 
-    /// Rest at the last level in which all devices are read, s.
-    pub fn follow_s(&self) -> f64 {
-        self.over_time.as_ref().map_or(0.0, |over_time| over_time.follow_s)
+    /// Time for which a level is followed after its window, s.
+    pub fn follow_s(&self, level: usize) -> f64 {
+        self.over_time.as_ref().and_then(|over_time| over_time.follow_s.get(level).copied()).unwrap_or(0.0)
+    }
+
+    /// Time for which all levels are followed, s.
+    pub fn followed_s(&self) -> f64 {
+        self.over_time.as_ref().map_or(0.0, |over_time| over_time.follow_s.iter().sum())
+    }
+
+    /// Whether the force of a level that is followed is restored.
+    pub fn holds_force(&self) -> bool {
+        self.over_time.as_ref().is_some_and(|over_time| over_time.holds_force)
     }
 
     /// Speeds of the ramps after the last level, mm/s.

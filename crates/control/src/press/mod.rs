@@ -3,6 +3,7 @@
 
 mod dialogue;
 mod dragged;
+mod followed;
 mod follows;
 mod guarded;
 mod ramp;
@@ -61,7 +62,7 @@ impl ForceLoop {
             first_mm: context.expected.first_mm,
             in_contact: false,
             dwelt: false,
-            followed: false,
+            follow_until_s: None,
             ramped: RampProgress::default(),
             steps: 0,
             motion: None,
@@ -232,9 +233,6 @@ impl ForceLoop {
 
     fn next_level(&mut self) -> Result<LoopCommand, Trip> {
         match self.level() {
-            None if self.task.follow_s() > 0.0 && !self.followed => {
-                self.go(PressState::Following, LoopCommand::Follow(self.task.follow_s()))
-            }
             None if self.ramp_ahead() => self.ramp(),
             None if self.drag_ahead().is_some() => self.average_axes(PressState::Bracing),
             None if self.in_contact || self.z_mm > self.context.clear_mm + STEP_LEAST_MM => self.leave_contact(),
@@ -260,6 +258,9 @@ impl ForceLoop {
         self.check_rest(force_n)?;
         self.force_n = force_n;
         self.check_answer()?;
+        if self.follow_until_s.is_some() {
+            return self.pursue();
+        }
         if self.landing.is_some() {
             return self.correct();
         }
@@ -279,6 +280,9 @@ impl ForceLoop {
     }
 
     fn reached(&mut self) -> Result<LoopCommand, Trip> {
+        if self.follow_until_s.is_some() {
+            return self.follow();
+        }
         if self.task.hold_s > 0.0 && !self.dwelt {
             self.dwelt = true;
             return self.go(PressState::Dwelling, LoopCommand::Dwell(self.task.hold_s));
@@ -317,23 +321,7 @@ impl ForceLoop {
         }
         self.force_n = force_n;
         self.check_stiffness()?;
-        self.level += 1;
-        self.steps = 0;
-        self.dwelt = false;
-        self.next_level()
-    }
-
-    /// Ends a time for which the last level was followed. A force may relax by any part, but it doesn't disappear.
-    fn followed(&mut self, force_n: f64) -> Result<LoopCommand, Trip> {
-        let least_n = self.context.zero.detect_n();
-        if self.in_contact && force_n < least_n {
-            return Err(Trip::new(SafetyRule::Fallen, force_n, least_n, "N"));
-        }
-        if self.in_contact {
-            self.force_n = force_n;
-        }
-        (self.followed, self.rested) = (true, None);
-        self.next_level()
+        self.follow()
     }
 
     fn retract(&mut self) -> Result<LoopCommand, Trip> {

@@ -62,8 +62,8 @@ pub struct ForceLoop {
     pub(super) first_mm: f64,
     pub(super) in_contact: bool,
     pub(super) dwelt: bool,
-    /// Whether the last level was followed.
-    pub(super) followed: bool,
+    /// Time until which the present level is followed, s; `None` before its window ends.
+    pub(super) follow_until_s: Option<f64>,
     pub(super) ramped: RampProgress,
     pub(super) steps: u32,
     pub(super) motion: Option<MotionInProgress>,

@@ -51,6 +51,7 @@ mod session;
 mod stated;
 mod table;
 mod table_error;
+mod temperatures;
 mod verify;
 mod views;
 
@@ -99,6 +100,7 @@ pub use stated::doubted_half_widths;
 pub use table::{parse_table, read_table};
 pub(crate) use table_error::MAX_COLUMNS;
 pub use table_error::{MAX_TABLE_BYTES, TableError};
+pub use temperatures::{Warmed, WarmedQuantity, warmed};
 pub use verify::{Verified, verify};
 pub use views::Characteristic;
 pub use views::{CHARACTERISTIC_COLUMNS, TABLES};

@@ -2,7 +2,7 @@
 
 use super::Recorded;
 #[cfg(feature = "files")]
-use super::{DatasetError, RecordedSeries};
+use super::{DatasetError, FollowedTime, RecordedSeries};
 use crate::recipe::Phase;
 use palpate_core::quantity::Place;
 use palpate_solver::over_time::CyclePoint;
@@ -12,12 +12,14 @@ use palpate_solver::over_time::CyclePoint;
 pub struct Followed {
     /// Number of the press in the plan.
     pub press: u64,
-    /// Creep or rest.
+    /// Creep, rest, ramp or wave.
     pub phase: Phase,
     /// Place of the press.
     pub place: Place,
     /// Speed of a ramp, mm/s, positive into the specimen; `None` at rest.
     pub speed_mm_s: Option<f64>,
+    /// Whether the force was restored; otherwise z rested.
+    pub holds_force: bool,
     /// The output, from 1.
     pub output: usize,
     /// Times of the forces, s since the level began to be followed, and the forces, N.
@@ -31,6 +33,8 @@ pub struct Followed {
 pub struct Cycled {
     /// The place.
     pub place: Place,
+    /// The reference place.
+    pub reference: Place,
     /// A point for each press: of the place itself, and of the reference place.
     pub points: Vec<CyclePoint>,
 }
@@ -43,7 +47,7 @@ struct PressedPlace {
     points: Vec<CyclePoint>,
 }
 
-/// Reads the levels of a run that were followed, in the order of measurement. Runs without readings have none.
+/// Reads the levels of a run that were followed, in the order of their presses. Runs without readings have none.
 ///
 /// # Errors
 /// The file of readings can't be read.
@@ -54,6 +58,7 @@ pub fn followed(run: &Recorded) -> Result<Vec<Followed>, DatasetError> {
     if all.is_empty() {
         return Ok(Vec::new());
     }
+    all.sort_by_key(|(followed, _)| followed.press);
     let series = RecordedSeries::open(&run.path, mark.bytes)?;
     let names: Vec<&str> = series.columns().iter().skip(1).map(|column| column.name.as_str()).collect();
     let at = |name: &str| names.iter().position(|column| *column == name).unwrap_or_default();
@@ -62,10 +67,10 @@ pub fn followed(run: &Recorded) -> Result<Vec<Followed>, DatasetError> {
         let batch = batch?;
         for (row, press) in batch.press.iter().enumerate() {
             let number = |column: usize| batch.numbers[column][row];
-            let is_in = |(followed, [from_s, to_s]): &&mut (Followed, [f64; 2])| {
-                followed.press as i64 == *press && (*from_s..=*to_s).contains(&number(t_s))
-            };
-            let Some((followed, [from_s, _])) = all.iter_mut().find(is_in) else { continue };
+            let before = all.partition_point(|(followed, _)| (followed.press as i64) < *press);
+            let mut of_press = all[before..].iter_mut().take_while(|(followed, _)| followed.press as i64 == *press);
+            let is_in = |(_, [from_s, to_s]): &&mut (Followed, [f64; 2])| (*from_s..=*to_s).contains(&number(t_s));
+            let Some((followed, [from_s, _])) = of_press.find(is_in) else { continue };
             let output = out_1 + followed.output - 1;
             let read = [(&mut followed.force_n, taken_s, force_n), (&mut followed.values, t_s, output)];
             for ([times, values], time, value) in read {
@@ -90,16 +95,15 @@ fn begun(run: &Recorded, contact: &super::RecordedContact) -> Vec<(Followed, [f6
         all.max_by(|(_, a), (_, b)| a.abs().total_cmp(&b.abs())).map_or((0, 0.0), |(index, value)| (index, value.abs()))
     };
     // without load, the output that answers most in the rest of the run
-    let of_run = || run.contacts.iter().flat_map(|contact| &contact.levels).map(|press| loudest(&press.outputs));
-    let (output, _) = match phase {
-        Phase::Rest => of_run().max_by(|(_, a), (_, b)| a.total_cmp(b)).unwrap_or_default(),
-        _ => loudest(&last.outputs),
-    };
+    let contacts = if phase == Phase::Rest { run.contacts.as_slice() } else { std::slice::from_ref(contact) };
+    let each = contacts.iter().flat_map(|contact| &contact.levels).map(|press| loudest(&press.outputs));
+    let (output, _) = each.max_by(|(_, a), (_, b)| a.total_cmp(b)).unwrap_or_default();
     let empty = || [Vec::new(), Vec::new()];
     let each = contact.followed.iter().map(|time| {
         let (press, place, output) = (contact.press, last.place(), output + 1);
-        let speed_mm_s = time.speed_mm_s;
-        let followed = Followed { press, phase, place, speed_mm_s, output, force_n: empty(), values: empty() };
+        let FollowedTime { speed_mm_s, holds_force, .. } = *time;
+        let followed =
+            Followed { press, phase, place, speed_mm_s, holds_force, output, force_n: empty(), values: empty() };
         (followed, [time.from_s, time.to_s])
     });
     each.collect()
@@ -135,7 +139,7 @@ pub fn cycled(run: &Recorded) -> Vec<Cycled> {
     let with_reference = |other: &PressedPlace| {
         let mut points = [other.points.as_slice(), &reference.points].concat();
         points.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-        Cycled { place: other.place, points }
+        Cycled { place: other.place, reference: reference.place, points }
     };
     others.iter().map(with_reference).collect()
 }

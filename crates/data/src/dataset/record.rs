@@ -167,6 +167,9 @@ pub struct FollowedTime {
     /// Speed of the motion, mm/s, positive into the specimen; `None` at rest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_mm_s: Option<f64>,
+    /// Whether the force was restored; otherwise z rested.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub holds_force: bool,
 }
 
 /// State at the end of a contact.

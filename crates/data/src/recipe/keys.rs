@@ -12,6 +12,8 @@ const CELLS_MAX: u64 = 10_000;
 
 const PLACE: Bounds = Bounds::within(-1000.0, 1000.0, "mm");
 const FORCE: Bounds = Bounds::above(0.0, 100.0, "N");
+/// Limits of a force that may be none.
+const HELD_FORCE: Bounds = Bounds::within(0.0, 100.0, "N");
 const DEPTH: Bounds = Bounds::above(0.0, 100.0, "mm");
 const DWELL: Bounds = Bounds::within(0.0, DAY_S, "s");
 /// Limits of a window. A shorter window contains fewer than two conversions of a common load cell.
@@ -22,7 +24,7 @@ const DIRECTION: Bounds = Bounds::within(-360.0, 360.0, "degrees");
 const SPACING: Bounds = Bounds::above(0.0, 1000.0, "mm");
 
 /// Possible phases of a step.
-pub(super) const PHASES: [(&str, Phase); 7] = [
+pub(super) const PHASES: [(&str, Phase); 8] = [
     (Phase::Characterisation.name(), Phase::Characterisation),
     (Phase::Calibration.name(), Phase::Calibration),
     (Phase::Test.name(), Phase::Test),
@@ -30,6 +32,7 @@ pub(super) const PHASES: [(&str, Phase); 7] = [
     (Phase::Ramp.name(), Phase::Ramp),
     (Phase::Rest.name(), Phase::Rest),
     (Phase::Cycles.name(), Phase::Cycles),
+    (Phase::Wave.name(), Phase::Wave),
 ];
 pub(super) const ORDERS: [(&str, GridOrder); 2] =
     [(GridOrder::Raster.name(), GridOrder::Raster), (GridOrder::Interleaved.name(), GridOrder::Interleaved)];
@@ -45,6 +48,8 @@ pub(super) const STRATEGIES: [(&str, Strategy); 3] = [
     (Strategy::Velocity.name(), Strategy::Velocity),
     (Strategy::Map.name(), Strategy::Map),
 ];
+/// Whether the force stays, not the depth.
+pub(super) const HELD: [(&str, bool); 2] = [("depth", false), ("force", true)];
 /// Whether a slip ends the run.
 pub(super) const SLIPS: [(&str, bool); 2] = [("record", false), ("trip", true)];
 pub(super) const ALL_UNITS: [(&str, ()); 1] = [("all", ())];
@@ -118,10 +123,13 @@ keys! {
         depth_mm: Numbers(DEPTH), Allowed,
             "depth of every press below the surface that it touches, or several depths for each place", "[0.2, 0.4, 0.6]";
         staircase: Table(&staircase::KEYS), Allowed, "load to a force and unload, in equal steps";
+        holds: Word(&words(&HELD)), or_word("depth"),
+            "what stays in the phase creep while it is followed: the depth, or the force, which is restored every second", "\"force\"";
         ramps_mm_s: Numbers(SLIDE_SPEED), Allowed,
             "in the phase ramp, speeds at which the tip leaves the specimen and comes back to where it was held; all devices are read meanwhile",
             "[0.1, 1.0]";
         cycles: Table(&cycles::KEYS), Allowed, "press with `force_n` many times at each place, in the phase cycles";
+        wave: Table(&wave::KEYS), Allowed, "forces one after another, in the phase wave; all devices are read meanwhile";
         drag: Table(&drag::KEYS), Allowed,
             "after the window, drag the tip sideways in contact, one press for each direction; the rig must allow it in `limits.drag`";
     }
@@ -154,6 +162,14 @@ keys! {
         reference_every: Whole(1, PRESSES_CEILING as u64), or_whole(100),
             "presses after which the reference place is pressed; it is also pressed before the first and after the last", "100";
         reference_mm: Places(PLACE), Refused, "the reference place, which wears little: it shows the drift of the rig", "[[5.0, 5.0]]";
+    }
+}
+
+keys! {
+    /// `wave` of a step.
+    wave {
+        force_n: Numbers(HELD_FORCE), Refused, "the forces; 0 is without load", "[0.2, 0.8, 0.4, 0.0]";
+        for_s: Numbers(DWELL), Refused, "time for which each force stays, or one time for all", "5.0";
     }
 }
 

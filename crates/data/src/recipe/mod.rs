@@ -5,6 +5,8 @@
 
 mod accept;
 mod keys;
+mod load;
+mod over_time;
 mod parse;
 mod plan;
 mod step;

@@ -1,17 +1,19 @@
 //! Parsing of a recipe's text into a [`Recipe`].
 
 use super::accept::{Accept, read_rule};
-use super::keys::{self, cells, cycles, drag, evaluate, grid, list, press, random, record, root, staircase, step};
+use super::keys::{self, cells, drag, evaluate, grid, list, press, random, record, root, step};
+use super::load::{ReadLoad, read_load};
+use super::over_time::read_over_time;
 use super::{Checks, KEYS, Manner, PRESSES_MAX, Phase, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice};
 use palpate_control::Drag;
-use palpate_core::quantity::{Place, round};
+use palpate_core::quantity::round;
 use palpate_document::{self as document, Key, Problem, Problems, Table};
 
 /// Files of a run folder that an acceptance file would overwrite.
 const RUNS_OWN: [&str; 2] = ["recipe.toml", "rig.toml"];
 
 /// Largest departure from a whole number of spacings that counts as rounding.
-const WHOLE: f64 = 1e-6;
+pub(super) const WHOLE: f64 = 1e-6;
 
 /// Reads a recipe's text; `file` is its name in messages.
 ///
@@ -149,39 +151,7 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
     // an invalid range has its own problem
     let is_random = places_key.is_some_and(|key| key.name == step::random.name);
     let inner = [&random::force_n, &random::depth_mm].map(|key| is_random && table.inner_has(&step::random, key));
-    if table.is_list(&step::force_n) {
-        let text = "`force_n` is an interval, expected one force in N";
-        let help = "an interval is a key of `random`: random = { count = 40, ..., force_n = [0.3, 2.0] }. \
-                    On a rig without a load cell, use `depth_mm`";
-        table.complain(Problem::new(table.span_of(&step::force_n), text).help(help));
-        return None;
-    }
-    let force = table.number(&step::force_n).map(StepLoad::Force);
-    let depths = table.has(&step::depth_mm).then(|| table.number_or_list(&step::depth_mm)).flatten();
-    if depths.as_ref().is_some_and(Vec::is_empty) {
-        table.complain(Problem::new(table.span_of(&step::depth_mm), "`depth_mm` is empty: nothing to press"));
-    }
-    let staircase = read_staircase(table);
-    let cycles = read_cycles(table);
-    let own = [&step::force_n, &step::depth_mm, &step::staircase].map(|key| table.has(key));
-    let loads = own.into_iter().chain(inner).filter(|is_there| *is_there).count();
-    if phase == Some(Phase::Rest) && loads > 0 {
-        let text = "a rest has no force and no depth: it is read without load";
-        table.complain(Problem::new(table.span(), text).help("remove it, or use the phase \"creep\""));
-    } else if loads != 1 && phase != Some(Phase::Rest) {
-        let found = if loads == 0 { "no force and no depth" } else { "more than one force or depth" };
-        let help =
-            "a step has one of `force_n`, `depth_mm`, `staircase`, or a range `force_n` or `depth_mm` inside `random`";
-        table.complain(Problem::new(table.span(), format!("this step has {found}")).help(help));
-    }
-    let load_keys = [step::force_n, step::depth_mm, step::staircase, step::random];
-    let load_key = load_keys.into_iter().find(|key| table.has(key));
-    let load_span = table.span_of(&load_key.unwrap_or(step::phase));
-    let load = match phase {
-        Some(Phase::Rest) => Some(StepLoad::Rest),
-        Some(Phase::Cycles) => cycles_of(table, cycles, force),
-        _ => random_load.or(force).or(depths.map(StepLoad::Depths)).or(staircase),
-    };
+    let ReadLoad { load, span: load_span } = read_load(table, phase, random_load, inner)?;
     let places_span = places_key.map_or(table.span(), |key| table.span_of(&key));
     let manner = manner?;
     if let Some((what, unit, key, tolerance, least)) = load.as_ref().map(|load| load.least(&manner))
@@ -197,74 +167,10 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
         let help = "use `staircase` or `force_n`, or the phase \"calibration\"";
         table.complain(Problem::new(load_span.clone(), text).help(help));
     }
-    check_follows(table, phase, &manner);
-    let ramps_mm_s = table.has(&step::ramps_mm_s).then(|| table.number_or_list(&step::ramps_mm_s)).flatten();
-    let ramps_mm_s = ramps_mm_s.unwrap_or_default();
-    if (phase == Some(Phase::Ramp)) == ramps_mm_s.is_empty() {
-        let text = "the phase \"ramp\" and `ramps_mm_s` need each other";
-        let help = "write phase = \"ramp\" and ramps_mm_s = [0.1, 1.0]";
-        table.complain(Problem::new(table.span(), text).help(help));
-    }
+    let over_time = read_over_time(table, phase, &manner, load.as_ref());
     let drags = read_drags(table, load.as_ref(), phase);
     let (phase, places, load, drag_span) = (phase?, places?, load?, table.span_of(&step::drag));
-    Some(Step { phase, places, load, drags: drags?, ramps_mm_s, manner, places_span, load_span, drag_span })
-}
-
-/// Checks that a step is followed over time if its phase says so, and only then.
-fn check_follows(table: &Table, phase: Option<Phase>, manner: &Manner) {
-    let Some(phase) = phase else { return };
-    let is_followed = matches!(phase, Phase::Creep | Phase::Rest);
-    let complain = |text: String, help: &str| table.complain(Problem::new(table.span(), text).help(help));
-    match manner.follow_s > 0.0 {
-        false if is_followed => {
-            complain(
-                format!("the phase {:?} needs `follow_s`", phase.name()),
-                "write for how long, such as follow_s = 600.0",
-            );
-        }
-        true if !is_followed => {
-            complain(
-                format!("`follow_s` isn't used in the phase {:?}", phase.name()),
-                "write the phase \"creep\" or \"rest\"",
-            );
-        }
-        _ => {}
-    }
-    if table.has(&step::cycles) && phase != Phase::Cycles {
-        complain(format!("`cycles` isn't used in the phase {:?}", phase.name()), "write phase = \"cycles\"");
-    }
-}
-
-/// Reads many presses at one place: their number, that between reference presses, and the reference place.
-fn read_cycles(step_table: &Table) -> Option<(u64, u64, Place)> {
-    let table = step_table.table(&step::cycles)?;
-    let (presses, every) = (table.whole(&cycles::presses), table.whole(&cycles::reference_every));
-    let references = table.places(&cycles::reference_mm)?;
-    let [(reference, _)] = references[..] else {
-        let text = format!("`reference_mm` has {} places, expected one", references.len());
-        table.complain(Problem::new(table.span_of(&cycles::reference_mm), text).help("write [[x, y]]"));
-        return None;
-    };
-    Some((presses?, every?, reference))
-}
-
-/// Returns the load of a step of the phase cycles, which has one force.
-fn cycles_of(table: &Table, cycles: Option<(u64, u64, Place)>, force: Option<StepLoad>) -> Option<StepLoad> {
-    let complain = |text: &str, help: &str| table.complain(Problem::new(table.span(), text).help(help));
-    if !table.has(&step::cycles) {
-        complain(
-            "the phase \"cycles\" needs `cycles`",
-            "add cycles = { presses = 10000, reference_mm = [[5.0, 5.0]] }",
-        );
-    }
-    let (presses, reference_every, reference) = cycles?;
-    match force {
-        Some(StepLoad::Force(force_n)) => Some(StepLoad::Cycles { force_n, presses, reference_every, reference }),
-        _ => {
-            complain("`cycles` needs one force", "add force_n = 1.0");
-            None
-        }
-    }
+    Some(Step { phase, places, load, drags: drags?, over_time, manner, places_span, load_span, drag_span })
 }
 
 /// Reads the drags of a step, one for each direction; none if it has no `drag`.
@@ -402,72 +308,6 @@ fn read_units(step: &Table) -> Option<Places> {
     Some(Places::Units(UnitChoice::Some(units.iter().map(|&unit| (unit as usize, span.clone())).collect())))
 }
 
-fn read_staircase(step: &Table) -> Option<StepLoad> {
-    let table = step.table(&step::staircase)?;
-    let to_n = table.number(&staircase::to_n);
-    let step_n = table.number(&staircase::step_n);
-    let repeats = table.whole(&staircase::repeats);
-    let rest_s = table.number(&staircase::rest_s);
-    if let (Some(to), Some(step)) = (to_n, step_n) {
-        let steps = to / step;
-        let span = table.span_of(&staircase::step_n);
-        if (steps - steps.round()).abs() > WHOLE * steps.max(1.0) || steps < 0.5 {
-            let text = format!("`step_n` {step} doesn't divide `to_n` {to}");
-            table.complain(Problem::new(span, text).help("levels are equal steps from 0 to `to_n`"));
-        } else if steps > 1000.0 {
-            table.complain(Problem::new(span, format!("{steps:.0} levels, but at most 1000 are allowed")));
-        }
-    }
-    Some(StepLoad::Staircase { to_n: to_n?, step_n: step_n?, repeats: repeats?, rest_s: rest_s? })
-}
-
-impl StepLoad {
-    /// Quantity and unit of the load, the key of its tolerance, the tolerance, and the smallest value above zero.
-    fn least(&self, manner: &Manner) -> (&'static str, &'static str, &'static str, f64, f64) {
-        let force = |least_n: f64| ("force", "N", press::force_tolerance_n.name, manner.force_tolerance_n, least_n);
-        let depth = |least_mm| ("depth", "mm", press::depth_tolerance_mm.name, manner.depth_tolerance_mm, least_mm);
-        match self {
-            StepLoad::Force(force_n) | StepLoad::Cycles { force_n, .. } => force(*force_n),
-            StepLoad::Rest => force(f64::INFINITY),
-            StepLoad::RandomForce(range) => force(range.min),
-            StepLoad::Staircase { step_n, .. } => force(*step_n),
-            StepLoad::Depths(depths_mm) => depth(depths_mm.iter().copied().fold(f64::INFINITY, f64::min)),
-            StepLoad::RandomDepth(range) => depth(range.min),
-        }
-    }
-
-    /// Number of entries for each place.
-    pub(super) fn repeats(&self) -> usize {
-        match self {
-            StepLoad::Staircase { repeats, .. } => *repeats as usize,
-            StepLoad::Depths(depths_mm) => depths_mm.len(),
-            StepLoad::Cycles { presses, reference_every, .. } => {
-                presses.saturating_add(1).saturating_add(presses.div_ceil(*reference_every)) as usize
-            }
-            _ => 1,
-        }
-    }
-
-    /// Largest force of the load, N; 0 for depths.
-    pub fn most_n(&self) -> f64 {
-        match self {
-            StepLoad::Force(force_n) | StepLoad::Cycles { force_n, .. } => *force_n,
-            StepLoad::RandomForce(range) => range.max,
-            StepLoad::Staircase { to_n, .. } => *to_n,
-            StepLoad::Depths(_) | StepLoad::RandomDepth(_) | StepLoad::Rest => 0.0,
-        }
-    }
-
-    /// Largest depth of the load, mm; 0 for forces.
-    pub fn most_mm(&self) -> f64 {
-        match self {
-            StepLoad::Depths(depths_mm) => depths_mm.iter().copied().fold(0.0, f64::max),
-            StepLoad::RandomDepth(range) => range.max,
-            _ => 0.0,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -555,7 +395,7 @@ mod tests {
             [
                 "r.toml:3:10: `hold_s` is 86401, must be 0 to 86400 s",
                 "r.toml:4:12: `sample_s` is a string, expected a number in s",
-                "r.toml:6:9: `phase` is \"tset\", expected one of characterisation, calibration, test, creep, ramp, rest, cycles",
+                "r.toml:6:9: `phase` is \"tset\", expected one of characterisation, calibration, test, creep, ramp, rest, cycles, wave",
             ]
         );
     }

@@ -136,7 +136,7 @@ impl Recipe {
 
     /// Returns a problem for each step that is followed over time, if no readings are kept.
     fn unkept_follows(&self) -> impl Iterator<Item = Problem> {
-        let is_followed = |step: &&Step| step.manner.follow_s > 0.0 || !step.ramps_mm_s.is_empty();
+        let is_followed = |step: &&Step| step.over_time != OverTime::default();
         let follows = self.steps.iter().filter(move |step| is_followed(step) && self.series == SeriesScope::None);
         follows.map(|step| {
             let text = "this step follows a level over time, but no readings are kept";
@@ -280,11 +280,11 @@ impl Step {
         let same = match &self.load {
             StepLoad::Force(force_n) | StepLoad::Cycles { force_n, .. } => PressTask::press(*force_n),
             StepLoad::Rest => PressTask::press(0.0),
+            StepLoad::Wave { forces_n, .. } => PressTask::forces(forces_n),
             StepLoad::RandomForce(_) | StepLoad::Depths(_) | StepLoad::RandomDepth(_) => Arc::default(),
             StepLoad::Staircase { to_n, step_n, .. } => PressTask::staircase(*to_n, *step_n),
         };
-        let over_time = OverTime { follow_s: self.manner.follow_s, ramps_mm_s: self.ramps_mm_s.clone() };
-        let over_time = (over_time != OverTime::default()).then(|| Arc::new(over_time));
+        let over_time = (self.over_time != OverTime::default()).then(|| Arc::new(self.over_time.clone()));
         for (place, _) in places {
             let entry = |levels: Arc<[PressLevel]>, rest_after_s| Entry {
                 press: 0,
@@ -305,7 +305,7 @@ impl Step {
                 rest_after_s,
             };
             match &self.load {
-                StepLoad::Rest => entries.push(entry(same.clone(), 0.0)),
+                StepLoad::Rest | StepLoad::Wave { .. } => entries.push(entry(same.clone(), 0.0)),
                 StepLoad::Cycles { presses, reference_every, reference, .. } => {
                     let cycle = entry(same.clone(), 0.0);
                     let at_reference = Entry { place: *reference, ..cycle.clone() };
@@ -401,7 +401,7 @@ fn check_depth(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
 fn check_ramps(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
     let (most_mm, limits) = (step.load.most_mm(), ground.limits);
     let most_n = most_mm * limits.stiffness_n_mm;
-    if !step.ramps_mm_s.is_empty() && most_n > limits.force_n {
+    if !step.over_time.ramps_mm_s.is_empty() && most_n > limits.force_n {
         let text = format!(
             "a ramp to {most_mm} mm may press with {} N at `limits.stiffness_n_mm`, over the limit of {} N",
             round(most_n, 3),

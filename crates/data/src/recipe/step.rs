@@ -1,6 +1,6 @@
 //! One step of a recipe: place, force and manner of its presses.
 
-use palpate_control::{Drag, Strategy};
+use palpate_control::{Drag, OverTime, Strategy};
 use palpate_core::quantity::{Place, Range};
 use palpate_document::Span;
 use serde::{Deserialize, Serialize};
@@ -23,6 +23,8 @@ pub enum Phase {
     Rest,
     /// Many presses at one place, with presses at a reference place in between.
     Cycles,
+    /// Forces one after another, each held for a time.
+    Wave,
     /// Presses from which the force loop learns before others rely on it. A plan begins with these presses if it has any. No
     /// recipe requests them, and only the table of presses contains them.
     Teach,
@@ -32,7 +34,7 @@ pub enum Phase {
 
 impl Phase {
     /// All phases of a plan.
-    pub const ALL: [Phase; 8] = [
+    pub const ALL: [Phase; 9] = [
         Phase::Characterisation,
         Phase::Calibration,
         Phase::Test,
@@ -40,6 +42,7 @@ impl Phase {
         Phase::Ramp,
         Phase::Rest,
         Phase::Cycles,
+        Phase::Wave,
         Phase::Teach,
     ];
 
@@ -53,6 +56,7 @@ impl Phase {
             Phase::Ramp => "ramp",
             Phase::Rest => "rest",
             Phase::Cycles => "cycles",
+            Phase::Wave => "wave",
             Phase::Teach => "teach",
             Phase::Check => "check",
         }
@@ -116,8 +120,8 @@ pub struct Step {
     pub load: StepLoad,
     /// Drags after the window, one press for each; none if it is empty.
     pub drags: Vec<Drag>,
-    /// Speeds of the ramps after the last level, mm/s; none if it is empty.
-    pub ramps_mm_s: Vec<f64>,
+    /// What its presses do over time.
+    pub over_time: OverTime,
     /// Manner of each press.
     pub manner: Manner,
     /// Position of the step's places in the text.
@@ -136,7 +140,7 @@ impl Step {
             places,
             load,
             drags: Vec::new(),
-            ramps_mm_s: Vec::new(),
+            over_time: OverTime::default(),
             manner,
             places_span: 0..0,
             load_span: 0..0,
@@ -252,6 +256,13 @@ pub enum StepLoad {
     },
     /// None: all devices are read without load.
     Rest,
+    /// Forces one after another, each held for a time.
+    Wave {
+        /// The forces, N; 0 is without load.
+        forces_n: Vec<f64>,
+        /// Time for which each is held, s.
+        for_s: Vec<f64>,
+    },
     /// The same force many times at each place, N.
     Cycles {
         /// The force, N.

@@ -25,9 +25,13 @@ mod record;
 mod side_by_side;
 mod subject;
 mod table_1;
+mod temperatures;
 mod uncertainty;
 mod vectors;
 mod verdict;
+#[cfg(feature = "files")]
+mod waves;
+mod wear;
 
 pub use batch::{PageLink, batch_page, batches_page};
 pub use beside_paper::is_beside_paper;
@@ -59,7 +63,9 @@ pub fn page(subject: &Subject, judged: &SensorResults) -> Page {
     ];
     let about_the_run = [
         record::section(subject),
+        wear::section(subject),
         monitors::section(subject),
+        temperatures::section(subject),
         uncertainty::section(subject).map(Section::from),
         facts::section(subject).map(Section::from),
     ];

@@ -1,14 +1,14 @@
-//! What a sensor does over time: creep under a load that stays, noise without load, and wear by many presses.
+//! What a sensor does while it is followed: creep under a load, and noise without load.
 
-use super::figures::WIDTH_PX;
+use super::figures::column;
 use super::frame::{PageFigure, Section, none, number, table, words};
 use super::numbers::{NumberCell, Numbers};
-use super::{Subject, ramps};
-use crate::chart::{ChartAxis, Figure, Grid, Hue, LineStyle, Look, Mark, Panel, Shape};
+use super::{Subject, ramps, waves};
+use crate::chart::{ChartAxis, Hue, LineStyle, Look, Mark, Panel, Shape};
 use maud::{Markup, html};
-use palpate_data::dataset::{Cycled, Followed, cycled, followed};
+use palpate_data::dataset::{DatasetError, Followed, followed};
 use palpate_data::recipe::Phase;
-use palpate_solver::over_time::{Estimate, Relaxation, Term, allan_deviation, relaxation, wear};
+use palpate_solver::over_time::{Relaxation, Term, allan_deviation, relaxation};
 
 /// Largest number of points that are drawn of a curve.
 const MOST_POINTS: usize = 400;
@@ -16,11 +16,8 @@ const MOST_POINTS: usize = 400;
 /// Largest number of presses for which the creep is drawn. The table has all.
 const MOST_DRAWN: usize = 4;
 
-/// Largest number of points of a chart of cycles.
-const MOST_CYCLES: usize = 1000;
-
-const FORCE: Look = line(Hue::Ink);
-const OUTPUT: Look = line(Hue::Blue);
+pub(super) const FORCE: Look = line(Hue::Ink);
+pub(super) const OUTPUT: Look = line(Hue::Blue);
 
 const fn line(hue: Hue) -> Look {
     Look { hue, shape: None, filled: false, line: LineStyle::Solid }
@@ -28,21 +25,33 @@ const fn line(hue: Hue) -> Look {
 
 type Points = Vec<(f64, f64)>;
 
-/// Creates the sections of a run with levels that were followed, or with presses that were repeated many times.
+/// Creates the sections of a run with levels that were followed.
 pub(super) fn sections(subject: &Subject) -> Vec<Section> {
     // reads the file of each run once
-    let all: Vec<Followed> = subject.runs.iter().flat_map(|run| followed(run).unwrap_or_default()).collect();
+    let (mut all, mut unread): (Vec<Followed>, Vec<Section>) = (Vec::new(), Vec::new());
+    for run in &subject.runs {
+        match followed(run) {
+            Ok(of_run) => all.extend(of_run),
+            Err(error) => unread.push(unreadable(&error)),
+        }
+    }
     let of_phase = |phase: Phase| -> Vec<&Followed> { all.iter().filter(|followed| followed.phase == phase).collect() };
-    let cycles: Vec<Cycled> = subject.runs.iter().flat_map(cycled).collect();
     [
         creep(&of_phase(Phase::Creep)),
         ramps::section(&of_phase(Phase::Ramp)),
+        waves::section(&of_phase(Phase::Wave)),
         rest(&of_phase(Phase::Rest)),
-        cycles_of(&cycles),
     ]
     .into_iter()
     .flatten()
+    .chain(unread)
     .collect()
+}
+
+/// Creates a section that states why what was followed is missing on the page.
+fn unreadable(error: &DatasetError) -> Section {
+    let before = html! { p.note { "The readings over time are missing on this page: " (error) ". `palpate verify` checks the file." } };
+    Section::new("Readings over time", &before, Vec::new())
 }
 
 /// Creates the section of the levels that were followed under load.
@@ -52,7 +61,8 @@ fn creep(all: &[&Followed]) -> Option<Section> {
     }
     let mut rows = Vec::new();
     for followed in all {
-        for (name, [t_s, values]) in quantities(followed) {
+        // a force that was restored doesn't relax
+        for (name, [t_s, values]) in quantities(followed).into_iter().skip(usize::from(followed.holds_force)) {
             let Ok(found) = relaxation(t_s, values) else { continue };
             let first = found.final_value + found.terms.iter().map(|term| term.amplitude).sum::<f64>();
             let percent = 100.0 * (found.final_value - first) / first;
@@ -72,7 +82,7 @@ fn creep(all: &[&Followed]) -> Option<Section> {
     let note = html! {
         (table(&head.map(words), &rows))
         p.note {
-            "z rested at the depth of the press, from the end of its window. The change is that of the sum of one or two exponentials, from the "
+            "z rested at the depth of the press, from the end of its window, or the force was restored every second. The change is that of the sum of one or two exponentials, from the "
             "first reading to the value that it tends to. Time constants have their 95 % interval; those without noise that is white are wider. "
             "A change that continues for longer than it was followed has no time constant here."
         }
@@ -116,25 +126,24 @@ fn drawn(followed: &Followed) -> PageFigure {
     let span_s = followed.force_n[0].last().copied().unwrap_or(1.0);
     let room = 0.1 * (most - least).max(0.1);
     let output = format!("output {}", followed.output);
-    let figure = Figure {
-        title: format!("Press {} at {}, {} mm", followed.press, followed.place.x_mm, followed.place.y_mm),
-        subtitle: "force and the output that answers it most, with z at rest".to_owned(),
-        height_px: 200.0,
-        panels: vec![Panel {
-            x: ChartAxis::linear("time since the window, s", (0.0, span_s)),
-            y: ChartAxis::linear("part of the first value, %", (least - room, most + room)),
-            marks,
-        }],
-        grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
-        legend: vec![vec![(FORCE, "force".to_owned()), (OUTPUT, output)]],
-        ..Figure::default()
+    let held = if followed.holds_force { "the force was restored" } else { "z rested" };
+    let panel = Panel {
+        x: ChartAxis::linear("time since the window, s", (0.0, span_s)),
+        y: ChartAxis::linear("part of the first value, %", (least - room, most + room)),
+        marks,
     };
+    let figure = column(
+        format!("Press {} at {}, {} mm", followed.press, followed.place.x_mm, followed.place.y_mm),
+        &format!("force and the output that answers it most; {held}"),
+        vec![panel],
+        vec![vec![(FORCE, "force".to_owned()), (OUTPUT, output)]],
+    );
     let name = format!("creep-{}", followed.press);
     PageFigure::plain(figure).named(&name).with(Numbers::new(&["quantity", "t_s", "value"], rows))
 }
 
 /// Returns the means of parts of a series, each with its mean time.
-fn means(t_s: &[f64], values: &[f64]) -> Points {
+pub(super) fn means(t_s: &[f64], values: &[f64]) -> Points {
     let size = t_s.len().div_ceil(MOST_POINTS).max(1);
     let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
     t_s.chunks(size).zip(values.chunks(size)).map(|(t_s, values)| (mean(t_s), mean(values))).collect()
@@ -174,104 +183,21 @@ fn rest(all: &[&Followed]) -> Option<Section> {
         if marks.is_empty() {
             continue;
         }
-        let figure = Figure {
-            title: format!("Allan deviation at press {}", followed.press),
-            subtitle: "how far means of successive times differ, relative to the shortest time; a line that falls is noise, one that rises drift"
-                .to_owned(),
-            height_px: 200.0,
-            panels: vec![Panel {
-                x: ChartAxis::log("time of a mean, s", all_points.iter().map(|point| point.0), (0.1, 1.0)),
-                y: ChartAxis::log("relative deviation", all_points.iter().map(|point| point.1), (0.1, 1.0)),
-                marks,
-            }],
-            grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
-            legend: vec![legend],
-            ..Figure::default()
+        let panel = Panel {
+            x: ChartAxis::log("time of a mean, s", all_points.iter().map(|point| point.0), (0.1, 1.0)),
+            y: ChartAxis::log("relative deviation", all_points.iter().map(|point| point.1), (0.1, 1.0)),
+            marks,
         };
+        let figure = column(
+            format!("Allan deviation at press {}", followed.press),
+            "how far means of successive times differ, relative to the shortest time; a line that falls is noise, one that rises drift",
+            vec![panel],
+            vec![legend],
+        );
         let named = PageFigure::plain(figure).named(&format!("allan-{}", followed.press));
         drawn.push(named.with(Numbers::new(&["quantity", "tau_s", "deviation"], numbers)));
     }
     let head = ["press", "quantity", "noise of one reading", "least deviation of a mean", "at a time of, s"];
     let note = html! { (table(&head.map(words), &rows)) };
     Section::of_figures("Noise and drift without load", &note, drawn)
-}
-
-/// Creates the section of presses that were repeated many times.
-fn cycles_of(all: &[Cycled]) -> Option<Section> {
-    let mut rows = Vec::new();
-    let mut drawn = Vec::new();
-    for cycled in all {
-        let own = || cycled.points.iter().filter(|point| !point.is_reference);
-        let count = own().count();
-        let Ok(found) = wear(&cycled.points) else { continue };
-        let cell = |key: &str, factor: f64, Estimate { value, interval: [from, to] }: Estimate| {
-            html! { (number(key, factor * value, 3, "")) (format!(" ({:.3} to {:.3})", factor * from, factor * to)) }
-        };
-        rows.push(vec![
-            words(format!("{}, {} mm", cycled.place.x_mm, cycled.place.y_mm)),
-            words(count),
-            cell("wear_percent", 1e5, found.wear_per_cycle),
-            found.drift_per_h.map_or_else(none, |drift| cell("drift_percent_h", 100.0, drift)),
-        ]);
-        drawn.push(gains(cycled));
-    }
-    let head = ["place", "presses", "wear, % of the gain in 1000 presses", "drift of the rig, % per hour"];
-    let note = html! {
-        (table(&head.map(words), &rows))
-        p.note {
-            "The gain of a press is the size of its outputs for each newton. The presses at the reference place show how the rig drifts, and the rest "
-            "of the change is wear. Both have their 95 % interval."
-        }
-    };
-    Section::of_figures("Wear by many presses", &note, drawn)
-}
-
-/// Draws the gain of each press, and of the reference presses at the number of presses so far.
-fn gains(cycled: &Cycled) -> PageFigure {
-    let own = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: LineStyle::None };
-    let reference = Look { hue: Hue::Orange, shape: Some(Shape::Square), ..own };
-    let (mut made, mut of_own, mut of_reference): (f64, Points, Points) = (0.0, Vec::new(), Vec::new());
-    let first = |is_reference: bool| {
-        cycled.points.iter().find(|point| point.is_reference == is_reference).map_or(0.0, |point| point.log_gain)
-    };
-    let firsts = [first(false), first(true)];
-    for point in &cycled.points {
-        let percent = 100.0 * (point.log_gain - firsts[usize::from(point.is_reference)]).exp_m1();
-        if point.is_reference {
-            of_reference.push((made, percent));
-        } else {
-            made = point.cycle + 1.0;
-            of_own.push((made, percent));
-        }
-    }
-    let rows = [("cycles", &of_own), ("reference", &of_reference)].into_iter().flat_map(|(name, points)| {
-        let cells = |(cycle, percent): &(f64, f64)| {
-            vec![NumberCell::Words(name.to_owned()), NumberCell::Number(*cycle), NumberCell::Number(*percent)]
-        };
-        points.iter().map(cells).collect::<Vec<_>>()
-    });
-    let numbers = Numbers::new(&["presses", "cycle", "gain_change_percent"], rows.collect());
-    let ends = of_own.iter().chain(&of_reference).map(|(_, percent)| *percent);
-    let (least, most) = (ends.clone().fold(0.0, f64::min), ends.fold(0.0, f64::max));
-    let room = 0.1 * (most - least).max(0.01);
-    let one_in = of_own.len().div_ceil(MOST_CYCLES).max(1);
-    let marks = vec![
-        Mark::Curve(own, of_own.into_iter().step_by(one_in).collect()),
-        Mark::Curve(reference, of_reference),
-        Mark::Level(0.0, String::new()),
-    ];
-    let figure = Figure {
-        title: format!("Gain at {}, {} mm", cycled.place.x_mm, cycled.place.y_mm),
-        subtitle: "change of the outputs for each newton since the first press".to_owned(),
-        height_px: 200.0,
-        panels: vec![Panel {
-            x: ChartAxis::count("presses", (0.0, 1.02 * made.max(1.0))),
-            y: ChartAxis::linear("change of the gain, %", (least - room, most + room)),
-            marks,
-        }],
-        grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
-        legend: vec![vec![(own, "this place".to_owned()), (reference, "reference place".to_owned())]],
-        ..Figure::default()
-    };
-    PageFigure::plain(figure).named(&format!("cycles-{}-{}", cycled.place.x_mm, cycled.place.y_mm)).with(numbers)
 }

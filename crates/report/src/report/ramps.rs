@@ -1,9 +1,9 @@
 //! Ramps of a press: the output against the force, away from the specimen and back, at each speed.
 
-use super::figures::WIDTH_PX;
+use super::figures::column;
 use super::frame::{PageFigure, Section, none, number, table, words};
 use super::numbers::{NumberCell, Numbers};
-use crate::chart::{ChartAxis, Figure, Grid, Hue, LineStyle, Look, Mark, Panel};
+use crate::chart::{ChartAxis, Hue, LineStyle, Look, Mark, Panel};
 use maud::html;
 use palpate_data::dataset::Followed;
 
@@ -104,19 +104,17 @@ fn drawn(press: &&[&Followed]) -> PageFigure {
     }
     let (name, place) = (press[0].press, press[0].place);
     let room = 0.05 * (most - least).max(f64::MIN_POSITIVE);
-    let figure = Figure {
-        title: format!("Ramps of press {name} at {}, {} mm", place.x_mm, place.y_mm),
-        subtitle: format!("output {} against the force", press[0].output),
-        height_px: 260.0,
-        panels: vec![Panel {
-            x: ChartAxis::linear("force, N", (0.0, 1.02 * most_n)),
-            y: ChartAxis::linear("output", (least - room, most + room)),
-            marks,
-        }],
-        grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
-        legend: legend.chunks(2).map(<[_]>::to_vec).collect(),
-        ..Figure::default()
+    let panel = Panel {
+        x: ChartAxis::linear("force, N", (0.0, 1.02 * most_n)),
+        y: ChartAxis::linear("output", (least - room, most + room)),
+        marks,
     };
+    let figure = column(
+        format!("Ramps of press {name} at {}, {} mm", place.x_mm, place.y_mm),
+        &format!("output {} against the force", press[0].output),
+        vec![panel],
+        legend.chunks(2).map(<[_]>::to_vec).collect(),
+    );
     let numbers = Numbers::new(&["speed_mm_s", "force_n", "output"], rows);
     PageFigure::plain(figure).named(&format!("ramps-{name}")).with(numbers)
 }

@@ -18,13 +18,14 @@ struct Controlled {
 }
 
 /// Phases, with the look of each and the name of the item.
-const PHASES: [(Phase, Hue, Shape); 6] = [
+const PHASES: [(Phase, Hue, Shape); 7] = [
     (Phase::Characterisation, Hue::Green, Shape::Triangle),
     (Phase::Calibration, Hue::Blue, Shape::Circle),
     (Phase::Test, Hue::Orange, Shape::Square),
     (Phase::Creep, Hue::Green, Shape::Square),
     (Phase::Ramp, Hue::Orange, Shape::Triangle),
     (Phase::Cycles, Hue::Blue, Shape::Triangle),
+    (Phase::Wave, Hue::Ink, Shape::Circle),
 ];
 
 /// Largest number of points that are drawn for a phase. If there are more, every nth point is drawn.

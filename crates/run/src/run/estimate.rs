@@ -74,7 +74,7 @@ pub fn estimated_s(entries: &[Entry], spec: &RigSpec) -> f64 {
             + finishing_s(spec)
             + LEVEL_S * (levels - 1.0)
             + levels * (entry.task.hold_s + entry.task.sample_s)
-            + entry.task.follow_s()
+            + entry.task.followed_s()
             + entry.task.ramps_mm_s().iter().map(|speed_mm_s| 2.0 * RAMP_MM / speed_mm_s).sum::<f64>()
             + dragged_s
             + entry.rest_after_s;

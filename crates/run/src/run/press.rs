@@ -280,14 +280,19 @@ impl Runner<'_> {
                 LoopCommand::Follow(seconds) => {
                     let from_s = self.conditions.clock.now_s();
                     let force_n = self.rig_control.follow(seconds).await?;
-                    followed.push(self.followed(from_s, None));
+                    let part = self.followed(from_s, None, task.holds_force());
+                    match followed.last_mut() {
+                        // parts and levels at rest are one time
+                        Some(FollowedTime { to_s, speed_mm_s: None, .. }) => *to_s = part.to_s,
+                        _ => followed.push(part),
+                    }
                     LoopEvent::Followed { force_n }
                 }
                 LoopCommand::Ramp(granted) => {
                     let (from_s, from_mm) = (self.conditions.clock.now_s(), self.rig_control.z_mm);
                     let speed_mm_s = granted.speed_mm_s() * (granted.z_mm() - from_mm).signum();
                     self.rig_control.ramp_z(granted, &mut press).await?;
-                    followed.push(self.followed(from_s, Some(speed_mm_s)));
+                    followed.push(self.followed(from_s, Some(speed_mm_s), false));
                     LoopEvent::Moved { z_mm: self.rig_control.z_mm }
                 }
                 LoopCommand::Done => break,
@@ -311,8 +316,9 @@ impl Runner<'_> {
     }
 
     /// Time in which all devices were read, from `from_s` until now.
-    fn followed(&self, from_s: f64, speed_mm_s: Option<f64>) -> FollowedTime {
-        FollowedTime { from_s: round(from_s, 4), to_s: round(self.conditions.clock.now_s(), 4), speed_mm_s }
+    fn followed(&self, from_s: f64, speed_mm_s: Option<f64>, holds_force: bool) -> FollowedTime {
+        let to_s = round(self.conditions.clock.now_s(), 4);
+        FollowedTime { from_s: round(from_s, 4), to_s, speed_mm_s, holds_force }
     }
 
     /// Reads the load cell without load again during the descent before the first touch. Without this, a drifting zero would look like a

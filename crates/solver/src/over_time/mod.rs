@@ -5,6 +5,7 @@
 //! | `relaxation` | time constants of values held at rest, by the fit in `exponentials` |
 //! | `allan` | noise of means over longer and longer times |
 //! | `wear` | change of the gain with each press, without the drift of the rig |
+//! | `temperature` | change of a zero or a gain with the temperature |
 //!
 //! Intervals are 95 % and assume that the noise of readings is independent. Times are in seconds, and only their
 //! differences count.
@@ -12,10 +13,12 @@
 mod allan;
 mod exponentials;
 mod relaxation;
+mod temperature;
 mod wear;
 
 pub use allan::{AllanPoint, allan_deviation, noise_sd};
 pub use relaxation::{PlannedTerm, Relaxation, Term, relaxation, relaxation_bound};
+pub use temperature::{TemperatureCoefficient, TemperaturePoint, temperature_coefficient};
 pub use wear::{CyclePoint, Estimate, Wear, wear};
 
 use palpate_core::algebra::{cholesky, substitute};
@@ -39,8 +42,8 @@ pub enum OverTimeError {
         /// The reading, from 0.
         reading: usize,
     },
-    /// All presses have the same cycle, or numbers are too large to be squared.
-    #[error("the cycles don't differ, or numbers are too large")]
+    /// Nothing determines the estimate: all presses have the same cycle, the temperature follows the time, or numbers are too large to be squared.
+    #[error("the cycles or the temperatures don't differ enough, or numbers are too large")]
     Singular,
 }
 

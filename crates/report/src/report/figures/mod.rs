@@ -17,7 +17,7 @@ pub(super) use size::{NARROW_PX, NARROW_SQUARE_PX, SQUARE_PX, WIDTH_PX};
 
 use super::Subject;
 use super::frame::{Section, counted};
-use crate::chart::{Hue, LineStyle, Look, Mark, Shape};
+use crate::chart::{Figure, Grid, Hue, LineStyle, Look, Mark, Panel, Shape};
 use arrangement::Arrangement;
 use maud::html;
 use palpate_core::quantity::ArrayLayout;
@@ -39,6 +39,12 @@ pub(super) fn units(subject: &Subject) -> Option<Section> {
 fn arranged(subject: &Subject, units: &[Range<usize>]) -> Arrangement {
     let places = |layout: &ArrayLayout| units.iter().map(|unit| layout.places()[unit.start]).collect();
     Arrangement::of(subject.placed().map(places), units.len())
+}
+
+/// Creates a figure of panels, one below another.
+pub(super) fn column(title: String, subtitle: &str, panels: Vec<Panel>, legend: Vec<Vec<(Look, String)>>) -> Figure {
+    let grid = Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false });
+    Figure { title, subtitle: subtitle.to_owned(), height_px: 200.0, panels, grid, legend, ..Figure::default() }
 }
 
 /// Returns the title of a unit's panel.
