@@ -1,7 +1,8 @@
 //! Published calibration protocols: those that come with the program, and what the others lack.
 
 use super::Failure;
-use palpate_data::recipe::{self, Plan};
+use palpate_control::OverTime;
+use palpate_data::recipe::{self, Plan, SeriesScope};
 use palpate_document::{Problems, keys};
 use palpate_run::rig;
 use std::io;
@@ -69,6 +70,16 @@ pub(crate) const PROTOCOLS: &[Protocol] = &[
         "recipes/protocols/printed-membrane/recipe.toml",
         "recipes/protocols/printed-membrane/rig.toml"
     ),
+    protocol!(
+        "sensor-probing",
+        "recipes/protocols/sensor-probing/recipe.toml",
+        "recipes/protocols/sensor-probing/rig.toml"
+    ),
+    protocol!(
+        "ts-comparison",
+        "recipes/protocols/ts-comparison/recipe.toml",
+        "recipes/protocols/ts-comparison/rig.toml"
+    ),
 ];
 
 /// Protocols that were read as files: number, name, folder of the library if it runs whole, and what it lacks.
@@ -134,7 +145,10 @@ impl Protocol {
     /// Number of presses in its plan.
     pub(crate) fn presses(&self) -> Result<usize, Failure> {
         let beside = |_: &str| Err(io::ErrorKind::NotFound.into());
-        let recipe = recipe::parse(self.name, self.recipe).map_err(Failure::usage)?;
+        let mut recipe = recipe::parse(self.name, self.recipe).map_err(Failure::usage)?;
+        // a build without the feature `files` counts too
+        recipe.series = SeriesScope::None;
+        recipe.steps.iter_mut().for_each(|step| step.over_time = OverTime::default());
         let rig = rig::parse(self.name, self.rig, &beside).map_err(Failure::usage)?.simulated();
         Ok(Plan::new(&recipe, &rig.ground(), 1).map_err(Failure::usage)?.entries.len())
     }

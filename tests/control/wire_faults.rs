@@ -1,13 +1,13 @@
 //! Random runs with a fault at the wire: the load cell becomes slow or changes its gain, the array shifts, the specimen rises, the stage
 //! slips. Judged by the true values. Each case follows from its seed alone.
 
-use palpate_control::Strategy;
+use palpate_control::{OverTime, Strategy};
 use palpate_core::quantity::{Axis, RandomStream, stream};
 use palpate_data::dataset::RecordedContact;
 use palpate_data::recipe::Plan;
 use palpate_run::rig::RigSpec;
 use palpate_run::run::Remaining;
-use palpate_sim::scene::{ContactLaw, FaultKind, SceneDevice, SceneFault};
+use palpate_sim::scene::{ContactLaw, FaultKind, RelaxationBranch, SceneDevice, SceneFault};
 use palpate_testing::campaign;
 use palpate_testing::executions::{
     BENCHES, Deaths, ExecutedRun, bench_with_taxels, end_of, executed, executed_with, in_parallel, must_be_none, plan,
@@ -18,6 +18,7 @@ use rand::seq::SliceRandom;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::fmt::Write;
+use std::sync::Arc;
 
 /// Runs of the quick and of the full tier, and the step between the seeds of the quick one, so that each has another kind.
 const RUNS: (usize, usize) = (2, 160);
@@ -60,6 +61,11 @@ const WANTED_LIMITS: [f64; 2] = [1.1, 1.25];
 const NEAR_LIMIT: [u64; 3] = [132, 438, 612];
 /// Seeds whose specimen rises by 1 to 3 mm.
 const RISEN: [u64; 3] = [12, 28, 44];
+/// Kinds of faults of the load cell, and the time for which a force is restored, s.
+const CELL_KINDS: [u64; 6] = [1, 3, 2, 4, 5, 6];
+const HELD_S: f64 = 5.0;
+/// Part of the force limit up to which a sound run restores its forces.
+const RESTORED_MOST: f64 = 0.9;
 /// Noise of a mean that steers at the limit, N, and the fraction that a slipping stage may add.
 const NOISE_N: f64 = 0.012;
 const STAGE_SHARE: f64 = 0.05;
@@ -169,8 +175,18 @@ impl WireFaultCase {
         WireFaultCase { seed, kind, wrong, spec, plan, text: output, is_early, onset }
     }
 
-    fn run(seed: u64) -> WireFaultOutcome {
-        let case = WireFaultCase::new(seed);
+    /// A case whose presses are held for a time, and their force is restored. The fault begins in one of them.
+    fn held(seed: u64) -> WireFaultCase {
+        let mut case = WireFaultCase::new(seed);
+        let over_time = Arc::new(OverTime { follow_s: vec![HELD_S], holds_force: true, ramps_mm_s: Vec::new() });
+        case.plan.entries.iter_mut().for_each(|entry| entry.task.over_time = Some(over_time.clone()));
+        case.spec.scene.relaxation = vec![RelaxationBranch { share: 0.1, time_s: 5.0 }];
+        case.is_early = false;
+        case
+    }
+
+    fn run(self) -> WireFaultOutcome {
+        let (seed, case) = (self.seed, self);
         let sound = executed(&case.spec, &case.plan);
         let unsound = sound.ending.text();
         let (begin_s, end_s) =
@@ -379,22 +395,37 @@ fn report(outcomes: &[WireFaultOutcome]) {
 fn fault_at_the_wire_keeps_bounds_and_rows() {
     let step = if campaign::is_quick() { QUICK_STEP } else { 1 };
     let seeds: Vec<u64> = (0..campaign::size(RUNS.0, RUNS.1) as u64).map(|nth| 1 + step * nth).collect();
-    let outcomes = in_parallel(&seeds, |seed| WireFaultCase::run(*seed));
+    let outcomes = in_parallel(&seeds, |seed| WireFaultCase::new(*seed).run());
     report(&outcomes);
     let broken = outcomes.iter().filter(|outcome| !outcome.broken().is_empty()).map(WireFaultOutcome::text);
     must_be_none(&broken.collect::<Vec<_>>());
 }
 
 #[test]
+fn force_that_is_restored_keeps_its_bound_if_the_load_cell_fails() {
+    let kinds = if campaign::is_quick() { &CELL_KINDS[2..4] } else { &CELL_KINDS };
+    let nth = 0..campaign::size(1, 40) as u64;
+    let seeds: Vec<u64> = nth.flat_map(|nth| kinds.iter().map(move |kind| 16 * nth + kind)).collect();
+    let outcomes = in_parallel(&seeds, |seed| WireFaultCase::held(*seed).run());
+    report(&outcomes);
+    let is_broken = |outcome: &&WireFaultOutcome| {
+        // near the limit, the permit doesn't let a force be restored
+        let is_free = outcome.case.plan.most_n() < RESTORED_MOST * outcome.case.spec.limits.force_n;
+        outcome.force_n > outcome.most_n[0] || (is_free && outcome.unsound.is_some())
+    };
+    must_be_none(&outcomes.iter().filter(is_broken).map(WireFaultOutcome::text).collect::<Vec<_>>());
+}
+
+#[test]
 fn load_cell_failure_near_the_limit_keeps_the_intended_bound() {
-    let outcomes = in_parallel(&NEAR_LIMIT, |seed| WireFaultCase::run(*seed));
+    let outcomes = in_parallel(&NEAR_LIMIT, |seed| WireFaultCase::new(*seed).run());
     let broken = outcomes.iter().filter(|outcome| outcome.force_n > outcome.most_n[1] || outcome.end == "-");
     must_be_none(&broken.map(WireFaultOutcome::text).collect::<Vec<_>>());
 }
 
 #[test]
 fn rising_specimen_is_left_or_its_force_is_reported() {
-    let outcomes = in_parallel(&RISEN, |seed| WireFaultCase::run(*seed));
+    let outcomes = in_parallel(&RISEN, |seed| WireFaultCase::new(*seed).run());
     assert!(outcomes.iter().all(|outcome| matches!(outcome.case.wrong, WireFaultWrong::Risen(_))));
     let is_broken = |o: &&WireFaultOutcome| o.end == "-" || o.is_left() || o.force_n > o.most_n[1];
     must_be_none(&outcomes.iter().filter(is_broken).map(WireFaultOutcome::text).collect::<Vec<_>>());

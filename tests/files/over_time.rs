@@ -104,6 +104,16 @@ fn wear_is_separated_from_the_drift_of_the_rig_and_every_press_counts_once_after
 }
 
 #[test]
+fn a_published_protocol_over_time_runs_whole() {
+    let bench = TestFolder::new();
+    bench.palpate_ends(0, "init ts --from protocol:ts-comparison");
+    bench.palpate_ends(0, "run ts/recipe.toml --rig ts/rig.toml --simulate --out run");
+    bench.palpate_ends(0, "report run --figures figures");
+    assert!(bench.has("figures/wave-0.csv") && bench.has("figures/ramps-1.csv"));
+    bench.palpate_ends(0, "verify run");
+}
+
+#[test]
 fn force_is_restored_where_the_recipe_holds_it() {
     let relaxation = "[{ share = 0.05, time_s = 0.3 }, { share = 0.05, time_s = 5.0 }]";
     let rig = exchanged(&shipped_text("rigs/sim.toml"), relaxation, "[{ share = 0.12, time_s = 6.0 }]");

@@ -3,17 +3,22 @@
 use palpate_testing::{TestFolder, campaign};
 
 /// The protocols, each with the number of its presses and the name of its recipe.
-const PROTOCOLS: [(&str, usize, &str); 6] = [
+const PROTOCOLS: [(&str, usize, &str); 8] = [
     ("liu-2018", 770, "paper"),
     ("tue-matrix", 675, "tue-matrix"),
     ("shaevitz-barometers", 961, "shaevitz-barometers"),
     ("fkeel-interdigitation", 1562, "fkeel-interdigitation"),
     ("py3dcal-reskin", 567, "py3dcal-reskin"),
     ("printed-membrane", 11000, "printed-membrane"),
+    ("sensor-probing", 5000, "sensor-probing"),
+    ("ts-comparison", 2, "ts-comparison"),
 ];
 
 /// Those with a load cell.
-const BY_FORCE: [&str; 3] = ["liu-2018", "tue-matrix", "printed-membrane"];
+const BY_FORCE: [&str; 4] = ["liu-2018", "tue-matrix", "printed-membrane", "ts-comparison"];
+
+/// That which keeps readings over time, in a file of the feature `files`.
+const OVER_TIME: &str = "ts-comparison";
 
 /// What `list protocols` prints.
 const LISTED: &str = "\
@@ -37,6 +42,14 @@ protocols: palpate init --from protocol:NAME
   printed-membrane       DSHardman/PrintedMembrane, commit 0fbdf02,
                          PrinterControl.py; 11000 presses by force; in part:
                          frames of the board over time
+  sensor-probing         DSHardman/SensorProbing, commit 03b5bb4,
+                         RandomSynchronised.py; 5000 presses by depth, no load
+                         cell; in part: readings over time, on a rig without a
+                         load cell
+  ts-comparison          sonjagross/TS_Comparison, commit bb91037, code/
+                         RobotControl/python; 2 presses by force; in part: shear
+                         and slip; speeds toward the specimen are those that are
+                         safe
 
 `palpate reference protocols` lists what other published protocols lack.
 ";
@@ -52,6 +65,11 @@ fn every_protocol_is_listed_written_and_checked() {
         assert!(listed.contains(name), "{listed}");
         let written = bench.palpate_ends(0, &format!("init {name} --from protocol:{name}")).out;
         assert!(written.contains("recipe.toml") && written.contains("rig.toml"), "{written}");
+        if name == OVER_TIME && cfg!(not(feature = "files")) {
+            let refused = bench.palpate_ends(2, &format!("check {name}/recipe.toml --simulate")).running();
+            assert!(refused.contains("`series` needs the feature `files`"), "{refused}");
+            continue;
+        }
         let checked = bench.palpate_ends(0, &format!("check {name}/recipe.toml --simulate --json")).json_lines();
         assert_eq!(checked[0]["plan"]["presses"].as_u64().or(checked[0]["presses"].as_u64()), Some(presses as u64));
     }
@@ -66,7 +84,7 @@ fn every_protocol_is_listed_written_and_checked() {
         assert_eq!(object["is_whole"], object["lacks"].is_null(), "{name}");
     }
     let page = bench.palpate_ends(0, "reference protocols").out;
-    assert_eq!((page.matches("| whole: ").count(), page.matches("| in part: ").count()), (1, 5));
+    assert_eq!((page.matches("| whole: ").count(), page.matches("| in part: ").count()), (1, 7));
     let refused = bench.palpate_ends(2, "list rigs/esp301 --json").err;
     assert!(refused.contains("a file is printed as it is"), "{refused}");
     let refused = bench.palpate_ends(2, "init other --from protocol:liu-2019").err;
@@ -91,7 +109,8 @@ fn every_protocol_runs_whole() {
         return; // the full tier runs them
     }
     let bench = TestFolder::new();
-    for (name, presses, recipe) in PROTOCOLS {
+    let here = |(name, ..): &(&str, usize, &str)| *name != OVER_TIME || cfg!(feature = "files");
+    for (name, presses, recipe) in PROTOCOLS.into_iter().filter(here) {
         bench.palpate_ends(0, &format!("init {name} --from protocol:{name}"));
         bench.palpate_ends(0, &format!("run {name}/recipe.toml --rig {name}/rig.toml --simulate --out {name}/run"));
         let manifest = bench.manifest(&format!("{name}/run"));

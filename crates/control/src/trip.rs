@@ -125,7 +125,8 @@ rules! {
         "check whether the indenter sticks, or the surface is higher than measured before";
     /// The force isn't reached within the permitted depth or force.
     OutOfReach, "out-of-reach", doubts_load_cell: false,
-        "check whether the specimen is softer than expected, or `limits.depth_mm` is too small for this force";
+        "check whether the specimen is softer than expected, or `limits.depth_mm` is too small for this force; \
+         for its way back in one motion, a ramp needs a smaller force or a smaller `limits.stiffness_n_mm`";
     /// The force isn't reached in the permitted number of steps.
     NoConvergence, "no-convergence", doubts_load_cell: false,
         "check why the load cell is much noisier than when it was zeroed";
