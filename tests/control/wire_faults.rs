@@ -404,7 +404,7 @@ fn fault_at_the_wire_keeps_bounds_and_rows() {
 #[test]
 fn force_that_is_restored_keeps_its_bound_if_the_load_cell_fails() {
     let kinds = if campaign::is_quick() { &CELL_KINDS[2..4] } else { &CELL_KINDS };
-    let nth = 0..campaign::size(1, 40) as u64;
+    let nth = 0..campaign::size(1, 20) as u64;
     let seeds: Vec<u64> = nth.flat_map(|nth| kinds.iter().map(move |kind| 16 * nth + kind)).collect();
     let outcomes = in_parallel(&seeds, |seed| WireFaultCase::held(*seed).run());
     report(&outcomes);

@@ -104,6 +104,25 @@ fn wear_is_separated_from_the_drift_of_the_rig_and_every_press_counts_once_after
 }
 
 #[test]
+fn every_cycle_counts_once_although_the_array_drops_out() {
+    let presses = 90;
+    let rig = format!("{}\n[[scene.fault]]\nkind = \"array-lost\"\nfrom_s = 90.0\n", shipped_text("rigs/sim.toml"));
+    let bench = TestFolder::with([("rig.toml", rig.as_str()), ("r.toml", &cycles(presses, 30))]);
+    let mut drop_outs = 0;
+    let mut ended = bench.palpate("run r.toml --out run");
+    while ended.code == Some(3) && drop_outs < 10 {
+        drop_outs += 1;
+        ended = bench.palpate("resume run");
+    }
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert!((2..10).contains(&drop_outs), "{drop_outs}");
+    let recorded = Recorded::read(&bench.path("run")).unwrap();
+    let numbers: Vec<u64> = recorded.contacts.iter().map(|contact| contact.press).collect();
+    assert_eq!(numbers, (0..presses as u64 + 4).collect::<Vec<_>>());
+    assert_eq!(cycled(&recorded)[0].points.iter().filter(|point| !point.is_reference).count(), presses);
+}
+
+#[test]
 fn a_published_protocol_over_time_runs_whole() {
     let bench = TestFolder::new();
     bench.palpate_ends(0, "init ts --from protocol:ts-comparison");
