@@ -293,7 +293,8 @@ pub(crate) fn executed(
 ) -> Result<(Ending, Result<(), DatasetError>), Failure> {
     let began = Instant::now();
     if plan.series != SeriesScope::None {
-        folder.keep_series(&spec.array.unit).map_err(Failure::dataset)?;
+        let monitors: Vec<&str> = spec.monitors.iter().map(|monitor| monitor.name.as_str()).collect();
+        folder.keep_series(&spec.array.unit, &monitors).map_err(Failure::dataset)?;
     }
     let ending = block_on(spec.is_simulated(), async {
         if let Some(pace) = pace {

@@ -104,6 +104,28 @@ fn wear_is_separated_from_the_drift_of_the_rig_and_every_press_counts_once_after
 }
 
 #[test]
+fn readings_of_a_monitor_are_among_the_others_once_each() {
+    let monitor = "[[monitor]]\nname = \"temperature_c\"\ndriver = { process = [\"thermometer\"] }\nlink = \"sim\"\nevery_s = 6.0\n";
+    let scene = format!("{monitor}\n[scene]\ntemperature = {{ mean_c = 23.0, drift_c_h = 60.0 }}");
+    let rig = exchanged(&shipped_text("rigs/sim.toml"), "[scene]", &scene);
+    let recipe = "name = \"r\"\nrig = \"rig.toml\"\nchecks = \"none\"\n[record]\nseries = \"window\"\n[[step]]\nphase = \"test\"\n\
+                  units = \"all\"\nforce_n = 0.5\n";
+    let bench = TestFolder::with([("r.toml", recipe), ("rig.toml", rig.as_str())]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    bench.palpate_ends(0, "export run --format csv --out exported");
+    let column = |name: &str| bench.column("exported/series.csv", name);
+    let rows = column("t_s").into_iter().zip(column("temperature_c")).filter(|(_, value)| !value.is_empty());
+    let found: Vec<(f64, f64)> = rows.map(|(t_s, value)| (t_s.parse().unwrap(), value.parse().unwrap())).collect();
+    let monitors = bench.column("run/monitors.csv", "t_s");
+    let expected: BTreeSet<String> = monitors.iter().cloned().collect();
+    assert!(expected.len() < monitors.len(), "several presses have one reading");
+    assert_eq!(found.len(), expected.len());
+    for (t_s, value) in found {
+        assert!((value - 23.0 - t_s / 60.0).abs() < 1e-4, "{value} at {t_s} s");
+    }
+}
+
+#[test]
 fn every_cycle_counts_once_although_the_array_drops_out() {
     let presses = 90;
     let rig = format!("{}\n[[scene.fault]]\nkind = \"array-lost\"\nfrom_s = 90.0\n", shipped_text("rigs/sim.toml"));

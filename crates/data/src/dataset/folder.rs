@@ -164,14 +164,14 @@ impl RunFolder {
         Ok(())
     }
 
-    /// Keeps the readings of every further press. The outputs are in `unit`. Without the feature `files`, a plan that asks for this is
+    /// Keeps the readings of every further press. The outputs are in `unit`, and the monitors have these names. Without the feature `files`, a plan that asks for this is
     /// refused before.
     ///
     /// # Errors
     /// An error of the operating system.
-    pub fn keep_series(&mut self, unit: &str) -> Result<(), DatasetError> {
+    pub fn keep_series(&mut self, unit: &str, monitors: &[&str]) -> Result<(), DatasetError> {
         let three_axes = self.known.manifest.facts.three_axes;
-        let columns = series_columns(self.layout.len(), three_axes, unit);
+        let columns = series_columns(self.layout.len(), three_axes, unit, monitors);
         #[cfg(feature = "files")]
         {
             let writer = SeriesWriter::begin(&self.path, &columns, three_axes, self.journal.durability());

@@ -328,7 +328,7 @@ impl Runner<'_> {
             self.listener.begins(entry);
             let next = left.front().map(|next| next.place);
             let series = self.rig_control.series.clone();
-            series.iter().for_each(|series| series.begin(entry.press));
+            series.iter().for_each(|series| series.begin(entry.press, self.monitors.values()));
             let mut contact = self.press(entry, next).await?;
             contact.series = series.map(|series| series.end()).transpose()?;
             if let Some((felt, _)) = felt(&contact) {

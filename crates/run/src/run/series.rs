@@ -6,7 +6,8 @@ use super::Halt;
 use super::clock::RunClock;
 use palpate_core::quantity::{ForceReading, Identity};
 use palpate_data::dataset::{
-    DatasetError, NoLoad, ReadValue, SeriesMark, SeriesQueue, SeriesReading, SeriesReadings, SeriesWriteError,
+    DatasetError, MonitorValue, NoLoad, ReadValue, SeriesMark, SeriesQueue, SeriesReading, SeriesReadings,
+    SeriesWriteError,
 };
 use palpate_data::recipe::SeriesScope;
 use palpate_link::device::{DeviceError, LoadCell, SensorArray};
@@ -38,6 +39,8 @@ struct Pressing {
     no_load: Option<NoLoad>,
     /// Least difference of our time and the load cell's.
     origin_s: Option<f64>,
+    /// Time of the newest reading of a monitor so far, s.
+    monitors_s: f64,
     failed: Option<SeriesWriteError>,
 }
 
@@ -47,12 +50,19 @@ impl SeriesRecorder {
         SeriesRecorder { scope, queue, clock, pressing: RefCell::default() }
     }
 
-    /// Begins a press.
-    pub(super) fn begin(&self, press: u64) {
+    /// Begins a press. Readings of monitors since the press before are kept with any scope.
+    pub(super) fn begin(&self, press: u64, monitors: Vec<MonitorValue>) {
         let mut pressing = self.pressing.borrow_mut();
-        let origin_s = pressing.origin_s;
-        let readings = SeriesReadings { press, rows: Vec::new() };
-        *pressing = Pressing { readings, in_press: true, origin_s, ..Pressing::default() };
+        let (origin_s, known_s) = (pressing.origin_s, pressing.monitors_s);
+        let monitors_s = monitors.iter().map(|monitor| monitor.t_s).fold(known_s, f64::max);
+        let row = |monitor: MonitorValue| SeriesReading {
+            t_s: monitor.t_s,
+            taken_s: None,
+            value: ReadValue::Monitor(monitor),
+        };
+        let rows = monitors.into_iter().filter(|monitor| monitor.t_s > known_s).map(row).collect();
+        let readings = SeriesReadings { press, rows };
+        *pressing = Pressing { readings, in_press: true, origin_s, monitors_s, ..Pressing::default() };
     }
 
     /// Makes further readings relative to these readings without load.

@@ -35,6 +35,9 @@ pub(super) fn batch(readings: &SeriesReadings, schema: &SchemaRef, three_axes: b
         put(2, reading.taken_s.unwrap_or(f64::NAN));
         match &reading.value {
             ReadValue::Height(z_mm) => put(3, *z_mm),
+            ReadValue::Monitor(monitor) => {
+                put(schema.index_of(&monitor.name).map_err(io::Error::other)?, monitor.value)
+            }
             ReadValue::Force { force_n, side_n } => {
                 put(4, *force_n);
                 if let Some([x_n, y_n]) = side_n.filter(|_| three_axes) {

@@ -20,8 +20,8 @@ pub use read::{RecordedSeries, SeriesBatch};
 #[cfg(feature = "files")]
 pub(super) use writer::SeriesWriter;
 
-use super::NoLoad;
 use super::press::output_name;
+use super::{MonitorValue, NoLoad};
 use serde::{Deserialize, Serialize};
 
 /// Name of the file of readings in a run folder.
@@ -61,6 +61,8 @@ pub enum ReadValue {
     Outputs(Vec<f64>),
     /// z of the indenter, read back, mm into the specimen in the specimen frame.
     Height(f64),
+    /// Value of a monitor.
+    Monitor(MonitorValue),
 }
 
 /// What the journal states about the file of readings after a press.
@@ -86,8 +88,8 @@ pub struct SeriesColumn {
 /// Number of columns before the forces sideways and the outputs: press, t_s, taken_s, z_mm and force_n.
 const COMMON: usize = 5;
 
-/// Returns the columns of an array with `channels` outputs in `unit`.
-pub fn series_columns(channels: usize, three_axes: bool, unit: &str) -> Vec<SeriesColumn> {
+/// Returns the columns of an array with `channels` outputs in `unit`, and of monitors with these names.
+pub fn series_columns(channels: usize, three_axes: bool, unit: &str, monitors: &[&str]) -> Vec<SeriesColumn> {
     const COLUMNS: [(&str, &str); COMMON + 2] = [
         ("press", "Number of the press in the plan, from 0."),
         ("t_s", "Time at which the answer arrived, s since the run's start."),
@@ -112,7 +114,8 @@ pub fn series_columns(channels: usize, three_axes: bool, unit: &str) -> Vec<Seri
         unit: unit.to_owned(),
         definition: OUTPUT.to_owned(),
     });
-    COLUMNS[..common].iter().copied().map(column).chain(outputs).collect()
+    let monitors = monitors.iter().map(|name| column((name, "Value of the monitor, when it was read.")));
+    COLUMNS[..common].iter().copied().map(column).chain(outputs).chain(monitors).collect()
 }
 
 impl SeriesReadings {
@@ -141,7 +144,7 @@ impl ReadValue {
             ReadValue::Outputs(outputs) => {
                 outputs.iter_mut().zip(&no_load.outputs).for_each(|(output, no_load)| *output -= no_load);
             }
-            ReadValue::Height(_) => {}
+            ReadValue::Height(_) | ReadValue::Monitor(_) => {}
         }
     }
 }
