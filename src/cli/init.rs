@@ -30,7 +30,7 @@ pub(super) struct InitArgs {
     #[arg(value_name = "DIR", default_value = ".")]
     folder: PathBuf,
 
-    /// Template: the sensor most similar to yours, tables, or the example of the book
+    /// Template: the sensor most like yours, tables, or the book's example
     #[arg(long, value_name = "START", default_value = "paper", value_parser = starts())]
     from: String,
 }

@@ -27,7 +27,7 @@ pub(super) struct SessionArgs {
     /// Print every figure at the end, not only those that fit on a screen
     #[arg(long)]
     pub full: bool,
-    /// Methods that solve the test presses: those of the recipe and the best one, or only those of the recipe
+    /// Methods that solve the test presses: those of the recipe and the best one, or the recipe's alone
     #[arg(long, value_name = "METHODS", value_enum, default_value_t)]
     pub evaluate: EvaluateChoice,
     /// Whether the report follows without a command.
