@@ -33,7 +33,8 @@ pub(super) fn read_load(
     if depths.as_ref().is_some_and(Vec::is_empty) {
         table.complain(Problem::new(table.span_of(&step::depth_mm), "`depth_mm` is empty: nothing to press"));
     }
-    let (staircase, wave) = (read_staircase(table), read_wave(table));
+    // the keys of a table are checked in every phase
+    let (staircase, wave, cycles) = (read_staircase(table), read_wave(table), read_cycles(table));
     let own = [&step::force_n, &step::depth_mm, &step::staircase, &step::wave].map(|key| table.has(key));
     let loads = own.into_iter().chain(inner).filter(|is_there| *is_there).count();
     if phase == Some(Phase::Rest) && loads > 0 {
@@ -48,7 +49,7 @@ pub(super) fn read_load(
     let key = keys.into_iter().find(|key| table.has(key));
     let load = match phase {
         Some(Phase::Rest) => Some(StepLoad::Rest),
-        Some(Phase::Cycles) => read_cycles(table, force),
+        Some(Phase::Cycles) => cycles.and_then(|cycles| cycles.with_force(table, force.as_ref())),
         _ => random_load.or(force).or(depths.map(StepLoad::Depths)).or(staircase).or(wave),
     };
     Some(ReadLoad { load, span: table.span_of(&key.unwrap_or(step::phase)) })

@@ -3,6 +3,7 @@
 use super::keys::{self, cycles, step, wave};
 use super::{Manner, Phase, StepLoad};
 use palpate_control::OverTime;
+use palpate_core::quantity::Place;
 use palpate_document::{Key, Problem, Table};
 
 /// Reads what the presses of a step do over time. Each key belongs to one phase or two.
@@ -53,8 +54,27 @@ pub(super) fn read_over_time(
     }
 }
 
-/// Reads the load of a step of the phase cycles, which has one force.
-pub(super) fn read_cycles(step_table: &Table, force: Option<StepLoad>) -> Option<StepLoad> {
+/// Presses that are repeated, without their force.
+pub(super) struct Cycles {
+    presses: u64,
+    reference_every: u64,
+    reference: Place,
+}
+
+impl Cycles {
+    /// Returns the load of a step with these cycles, which has one force.
+    pub(super) fn with_force(self, table: &Table, force: Option<&StepLoad>) -> Option<StepLoad> {
+        let Some(StepLoad::Force(force_n)) = force else {
+            table.complain(Problem::new(table.span(), "`cycles` needs one force").help("add force_n = 1.0"));
+            return None;
+        };
+        let Cycles { presses, reference_every, reference } = self;
+        Some(StepLoad::Cycles { force_n: *force_n, presses, reference_every, reference })
+    }
+}
+
+/// Reads many presses at one place: their number, that between reference presses, and the reference place.
+pub(super) fn read_cycles(step_table: &Table) -> Option<Cycles> {
     let table = step_table.table(&step::cycles)?;
     let (presses, every) = (table.whole(&cycles::presses), table.whole(&cycles::reference_every));
     let references = table.places(&cycles::reference_mm)?;
@@ -63,11 +83,7 @@ pub(super) fn read_cycles(step_table: &Table, force: Option<StepLoad>) -> Option
         table.complain(Problem::new(table.span_of(&cycles::reference_mm), text).help("write [[x, y]]"));
         return None;
     };
-    let Some(StepLoad::Force(force_n)) = force else {
-        step_table.complain(Problem::new(step_table.span(), "`cycles` needs one force").help("add force_n = 1.0"));
-        return None;
-    };
-    Some(StepLoad::Cycles { force_n, presses: presses?, reference_every: every?, reference })
+    Some(Cycles { presses: presses?, reference_every: every?, reference })
 }
 
 /// Reads a wave: forces one after another, each with its time.
