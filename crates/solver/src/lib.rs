@@ -68,7 +68,9 @@ mod correlation;
 mod depth_curve;
 mod descent;
 mod evaluation;
+mod expectation;
 mod extra_trees;
+mod fault_search;
 mod field;
 mod fits;
 mod fitted;
@@ -82,6 +84,7 @@ mod kriging;
 mod method;
 mod model;
 mod noise;
+mod nearest;
 mod normal;
 pub mod over_time;
 mod pattern_map;
@@ -120,6 +123,7 @@ pub use evaluation::{
     Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
     TestPress, UnsolvedPress, Verdicts, Within, evaluate,
 };
+pub use fault_search::{FaultChange, FaultSearch, SearchedFaults};
 pub use fits::Fits;
 pub(crate) use fits::MOST_FITS;
 pub use fitted::{Choice, Fitted, Tie, TriedMethod};
