@@ -120,7 +120,7 @@ fn experiment() {
                 let solved = session.solve(&o);
                 worst = worst.max(t.elapsed().as_secs_f64());
                 if session.changes().len() > seen {
-                    line += &format!(" [{i} felt {felt}: {:?}]", session.changes()[seen..].iter().map(|c| match c { FaultChange::LeftOut { unit, log_odds } => format!("{unit} {log_odds:.0}"), FaultChange::Back { unit } => format!("back {unit}"), FaultChange::Unfit => "unfit".into() }).collect::<Vec<_>>());
+                    line += &format!(" [{i} felt {felt}: {:?}]", session.changes()[seen..].iter().map(|c| match c { FaultChange::LeftOut(FaultyUnit { unit, odds }) => format!("{unit} {:.0}", odds.ln()), FaultChange::Back(unit) => format!("back {unit}"), FaultChange::Unfit => "unfit".into() }).collect::<Vec<_>>());
                     seen = session.changes().len();
                 }
                 let mut out: Vec<usize> = session.broken().iter().map(|b| b.unit).collect();

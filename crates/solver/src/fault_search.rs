@@ -2,6 +2,7 @@
 
 use super::expectation::{Expectation, Prediction, mean_and_sd};
 use super::{Broken, Fits, Fitted, OutputFault, Workspace};
+use palpate_core::parallel::lock;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
@@ -29,20 +30,22 @@ pub struct SearchedFaults {
 /// A change of the units that a session leaves out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FaultChange {
-    /// The unit, counted from 0, is at fault, and is left out from here on.
-    LeftOut {
-        /// The unit.
-        unit: usize,
-        /// Logarithm of the odds that it is at fault, and no other unit or none.
-        log_odds: f64,
-    },
+    /// The unit is at fault, and is left out from here on.
+    LeftOut(FaultyUnit),
     /// The unit, counted from 0, agrees with the others again, and is used from here on.
-    Back {
-        /// The unit.
-        unit: usize,
-    },
+    Back(usize),
     /// A unit is at fault, but the model has no presses to fit the method without it.
     Unfit,
+}
+
+/// A unit that broke since the calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FaultyUnit {
+    /// The unit, counted from 0.
+    pub unit: usize,
+    /// Odds to one that it is at fault, and no other unit or none; of two units that are left out together, the odds of both. Larger odds
+    /// than a billion aren't stated, because errors that rare aren't normal.
+    pub odds: f64,
 }
 
 /// What the contacts so far showed about each unit. Units are those that the model uses, in its order.
@@ -85,6 +88,8 @@ const FELT_SD: f64 = 3.0;
 const UNEXPLAINED_SD: f64 = 1.6;
 /// Sufficient evidence (natural logarithm): ten thousand to one.
 const ENOUGH: f64 = 9.2;
+/// Largest odds that are stated.
+const ODDS_MOST: f64 = 1e9;
 /// Least mean gain, in standard deviations of held-out presses.
 const GAIN_SD: f64 = 0.5;
 /// Least fraction of the misfit that must be explained, unless the rest is within this fraction of the standard deviation.
@@ -101,6 +106,7 @@ impl FaultSearch {
     pub fn run(self) -> SearchedFaults {
         let FaultSearch { fits, mut evidence, contacts } = self;
         let (mut changes, mut found, mut workspace) = (Vec::new(), None, Workspace::default());
+        let _alone = lock(&fits.searching);
         let Some(expectation) = fits.expectation() else { return SearchedFaults { evidence, found, changes } };
         let kept = fits.model().fitted().kept();
         for contact in contacts {
@@ -147,9 +153,10 @@ impl Decision {
     fn stated(self, kept: &[usize]) -> Vec<FaultChange> {
         match self {
             Decision::LeaveOut { units, log_odds } => {
-                units.into_iter().map(|unit| FaultChange::LeftOut { unit: kept[unit], log_odds }).collect()
+                let odds = log_odds.exp().min(ODDS_MOST).round();
+                units.into_iter().map(|unit| FaultChange::LeftOut(FaultyUnit { unit: kept[unit], odds })).collect()
             }
-            Decision::TakeBack(unit) => vec![FaultChange::Back { unit: kept[unit] }],
+            Decision::TakeBack(unit) => vec![FaultChange::Back(kept[unit])],
         }
     }
 }
@@ -211,8 +218,7 @@ impl FaultEvidence {
         let suspects: BTreeSet<&Vec<usize>> =
             self.contacts.iter().flat_map(|contact| contact.tried.iter().map(|(units, _)| units)).collect();
         let sufficient = suspects.iter().filter_map(|suspect| {
-            let log_odds = self.log_odds(expectation, suspect, &suspects, units)?;
-            (log_odds > ENOUGH).then_some((suspect, log_odds))
+            Some((suspect, self.log_odds(expectation, suspect, &suspects, units)?))
         });
         if let Some((suspect, log_odds)) = sufficient.max_by(|a, b| a.1.total_cmp(&b.1)) {
             return Some(Decision::LeaveOut { units: (*suspect).clone(), log_odds });
@@ -257,14 +263,21 @@ impl FaultEvidence {
             (mean, mean / sd.max(usual.gain_sd) * (contacts.len() as f64).sqrt())
         };
         let (gain, gain_sigmas) = sigmas(&[]);
-        if gain < GAIN_SD * usual.gain_sd || rest > EXPLAINED * usual.sd.max(rest + gain) {
+        let sets = (0..suspect.len()).map(|chosen| ((units - chosen) as f64 / (chosen + 1) as f64).ln()).sum::<f64>();
+        let needed = (2.0 * (ENOUGH + sets)).sqrt();
+        let is_explained = rest <= EXPLAINED * usual.sd.max(rest + gain);
+        if !is_explained || gain < GAIN_SD * usual.gain_sd || gain_sigmas < needed {
             return None;
         }
+        let mut least = gain_sigmas;
         // with more units left out the misfit can only be smaller
-        let is_rival = |other: &&&Vec<usize>| !suspect.iter().all(|unit| other.contains(unit));
-        let least = suspects.iter().filter(is_rival).map(|other| sigmas(other).1).fold(gain_sigmas, f64::min);
-        let sets = (0..suspect.len()).map(|chosen| ((units - chosen) as f64 / (chosen + 1) as f64).ln()).sum::<f64>();
-        (least > 0.0).then_some(0.5 * least * least - sets)
+        for other in suspects.iter().filter(|other| !suspect.iter().all(|unit| other.contains(unit))) {
+            least = least.min(sigmas(other).1);
+            if least < needed {
+                return None;
+            }
+        }
+        Some(0.5 * least * least - sets)
     }
 }
 

@@ -13,6 +13,8 @@ pub struct Fits {
     model: Arc<Model>,
     made: Mutex<Vec<Made>>,
     expectation: OnceLock<Option<Expectation>>,
+    /// Held by the search that runs: sessions search one after another.
+    pub(super) searching: Mutex<()>,
 }
 
 /// A fit without some units.
@@ -25,7 +27,7 @@ struct Made {
 impl Fits {
     /// Creates the fits of a model, of which none is made yet.
     pub fn new(model: impl Into<Arc<Model>>) -> Self {
-        Fits { model: model.into(), made: Mutex::new(Vec::new()), expectation: OnceLock::new() }
+        Fits { model: model.into(), made: Mutex::new(Vec::new()), expectation: OnceLock::new(), searching: Mutex::new(()) }
     }
 
     /// Returns the model.

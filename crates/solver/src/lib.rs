@@ -123,7 +123,7 @@ pub use evaluation::{
     Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
     TestPress, UnsolvedPress, Verdicts, Within, evaluate,
 };
-pub use fault_search::{FaultChange, FaultSearch, SearchedFaults};
+pub use fault_search::{FaultChange, FaultSearch, FaultyUnit, SearchedFaults};
 pub use fits::Fits;
 pub(crate) use fits::MOST_FITS;
 pub use fitted::{Choice, Fitted, Tie, TriedMethod};

@@ -203,15 +203,27 @@ impl NearestPresses {
 }
 
 /// Returns the weights of the presses with these deviations from a reading, in units of the noise. The mean of the presses has noise
-/// too, so weights aren't larger than the deviations are worth.
+/// too, so weights aren't larger than the deviations are worth. None is negative: a faulty reading isn't extrapolated to.
 fn weights(off: &[Vec<f64>], counted: f64) -> Vec<f64> {
     let product = |i: usize, j: usize| off[i].iter().zip(&off[j]).map(|(a, b)| a * b).sum::<f64>();
-    let ridge = |i: usize, j: usize| if i == j { counted } else { 0.0 };
-    let products = Mat::from_fn(off.len(), off.len(), |i, j| product(i, j) + ridge(i, j));
-    let solved = match products.llt(Side::Lower) {
-        Ok(factor) => factor.solve(Mat::from_fn(off.len(), 1, |_, _| 1.0)).col(0).iter().copied().collect(),
-        Err(_) => vec![1.0; off.len()],
-    };
-    let sum: f64 = solved.iter().sum();
-    solved.iter().map(|weight| weight / sum).collect()
+    let mut used: Vec<usize> = (0..off.len()).collect();
+    loop {
+        let ridge = |i: usize, j: usize| if i == j { counted } else { 0.0 };
+        let products = Mat::from_fn(used.len(), used.len(), |i, j| product(used[i], used[j]) + ridge(i, j));
+        let solved: Vec<f64> = match products.llt(Side::Lower) {
+            Ok(factor) => factor.solve(Mat::from_fn(used.len(), 1, |_, _| 1.0)).col(0).iter().copied().collect(),
+            Err(_) => vec![1.0; used.len()],
+        };
+        let (least, weight) = solved.iter().enumerate().fold((0, f64::INFINITY), |(at, least), (i, weight)| {
+            if *weight < least { (i, *weight) } else { (at, least) }
+        });
+        if weight < 0.0 && used.len() > 1 {
+            used.remove(least);
+            continue;
+        }
+        let sum: f64 = solved.iter().sum();
+        let mut weights = vec![0.0; off.len()];
+        used.iter().zip(solved).for_each(|(&press, weight)| weights[press] = weight / sum);
+        return weights;
+    }
 }

@@ -5,7 +5,7 @@ use super::fault_search::FaultEvidence;
 use super::fits::Unmade;
 use super::history::GAP_MOST;
 use super::{
-    Broken, ContactVerdict, FaultChange, FaultSearch, FitError, Fits, Fitted, MOST_FITS, Model, OutputFault,
+    Broken, ContactVerdict, FaultChange, FaultSearch, FaultyUnit, FitError, Fits, Fitted, MOST_FITS, Model, OutputFault,
     SearchedFaults, Solution, SolveError, Solver, Workspace,
 };
 use std::collections::VecDeque;
@@ -258,6 +258,19 @@ impl Session {
             self.chart = MisfitChart::new(self.model().setting().false_alarms);
             self.is_out_of_date = false;
         }
+    }
+
+    /// Returns the units that broke in this session and are left out.
+    pub fn at_fault(&self) -> Vec<FaultyUnit> {
+        let mut at_fault: Vec<FaultyUnit> = Vec::new();
+        for change in &self.changes {
+            match *change {
+                FaultChange::LeftOut(faulty) => at_fault.push(faulty),
+                FaultChange::Back(unit) => at_fault.retain(|faulty| faulty.unit != unit),
+                FaultChange::Unfit => {}
+            }
+        }
+        at_fault
     }
 
     /// Returns the changes of the units that are left out, from the first one.
