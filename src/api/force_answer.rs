@@ -51,7 +51,12 @@ impl<W: Write> ForceSolutions<W> {
 }
 
 impl<W: Write> AnswerWriter<VectorSolution> for ForceSolutions<W> {
-    fn write(&mut self, reading: &Reading, _: &[FaultyUnit], solved: &Result<VectorSolution, impl Error>) -> io::Result<()> {
+    fn write(
+        &mut self,
+        reading: &Reading,
+        _: &[FaultyUnit],
+        solved: &Result<VectorSolution, impl Error>,
+    ) -> io::Result<()> {
         let found = solved.as_ref().ok();
         let numbers = found.map_or([f64::NAN; VECTOR_NUMBERS.len()], vector_numbers);
         let numbers = VECTOR_NUMBERS.into_iter().zip(numbers.map(Value::from)); // NaN is null

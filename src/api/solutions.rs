@@ -125,7 +125,12 @@ impl<W: Write> Solutions<W> {
 }
 
 impl<W: Write> AnswerWriter<Solution> for Solutions<W> {
-    fn write(&mut self, reading: &Reading, at_fault: &[FaultyUnit], solved: &Result<Solution, impl Error>) -> io::Result<()> {
+    fn write(
+        &mut self,
+        reading: &Reading,
+        at_fault: &[FaultyUnit],
+        solved: &Result<Solution, impl Error>,
+    ) -> io::Result<()> {
         let load = solved.as_ref().map_or("", Solution::load);
         let [id, t_s] = self.lines.labels(reading);
         let line = SolutionLine {
@@ -133,7 +138,11 @@ impl<W: Write> AnswerWriter<Solution> for Solutions<W> {
             id,
             t_s,
             load: self.has_two_methods.then_some(load),
-            left_out: at_fault.iter().map(|FaultyUnit { unit, odds }| format!("{}:{odds}", unit + 1)).collect::<Vec<_>>().join(" "),
+            left_out: at_fault
+                .iter()
+                .map(|FaultyUnit { unit, odds }| format!("{}:{odds}", unit + 1))
+                .collect::<Vec<_>>()
+                .join(" "),
             error: self.lines.error(solved, self.keep_going),
             ..SolutionLine::of(solved, self.measure)
         };

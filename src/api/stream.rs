@@ -79,8 +79,12 @@ impl AnswerStream<'_> {
                 FaultChange::LeftOut(FaultyUnit { unit, odds }) => {
                     format!("output {} contradicts the others (odds {odds} to 1), left out from here on", unit + 1)
                 }
-                FaultChange::Back(unit) => format!("output {} agrees with the others again, used from here on", unit + 1),
-                FaultChange::Unfit => "an output is at fault, but the sensor file has no presses to leave it out: fit again".to_owned(),
+                FaultChange::Back(unit) => {
+                    format!("output {} agrees with the others again, used from here on", unit + 1)
+                }
+                FaultChange::Unfit => {
+                    "an output is at fault, but the sensor file has no presses to leave it out: fit again".to_owned()
+                }
             });
         }
         if answer.is_out_of_date {

@@ -192,7 +192,13 @@ impl Service {
             SharedFits::Contact(fits) => {
                 let model = fits.model();
                 let solutions = Solutions::new(stream, self.json, true, Measure::of(model)).of_methods(model.fitted());
-                self.answer(SearchingApart::new(Session::sharing(fits.clone())), model.validity().units, client, peer, solutions)
+                self.answer(
+                    SearchingApart::new(Session::sharing(fits.clone())),
+                    model.validity().units,
+                    client,
+                    peer,
+                    solutions,
+                )
             }
             SharedFits::Vector(fits) => {
                 let solutions = ForceSolutions::new(stream, self.json, true);

@@ -123,7 +123,8 @@ impl Expectation {
         };
         let [misfits, others] = [without, fewer].map(|units| self.held_out(presses, units));
         let (mean, sd) = mean_and_sd(misfits.relative.iter().copied());
-        let (_, gain_sd) = mean_and_sd(others.relative.iter().zip(&misfits.relative).map(|(other, misfit)| other - misfit));
+        let (_, gain_sd) =
+            mean_and_sd(others.relative.iter().zip(&misfits.relative).map(|(other, misfit)| other - misfit));
         UsualMisfit { typical: Some(misfits.typical), mean, sd, gain_sd }
     }
 

@@ -171,8 +171,9 @@ impl FaultEvidence {
             Some((expectation.usual(&without, &left_out).compared(prediction.log_misfit), prediction))
         };
         let Some((misfit, expected)) = compared(&[]) else { return };
-        let is_felt =
-            |unit: usize, by: &Prediction| by.outputs[unit].abs().max(outputs[unit].abs()) > FELT_SD * by.quiet_sd[unit];
+        let is_felt = |unit: usize, by: &Prediction| {
+            by.outputs[unit].abs().max(outputs[unit].abs()) > FELT_SD * by.quiet_sd[unit]
+        };
         let deviation = |unit: usize| (outputs[unit] - expected.outputs[unit]).abs() / expected.sd[unit];
         let mut candidates: Vec<usize> = (0..outputs.len()).filter(|unit| !left_out.contains(unit)).collect();
         let mut felt: Vec<usize> = candidates.iter().copied().filter(|&unit| is_felt(unit, &expected)).collect();
@@ -215,13 +216,25 @@ impl FaultEvidence {
 
     /// Returns the units to leave out or to use again, if the contacts so far are sufficient.
     fn decide(&self, expectation: &Expectation, units: usize) -> Option<Decision> {
-        let suspects: BTreeSet<&Vec<usize>> =
-            self.contacts.iter().flat_map(|contact| contact.tried.iter().map(|(units, _)| units)).collect();
-        let sufficient = suspects.iter().filter_map(|suspect| {
-            Some((suspect, self.log_odds(expectation, suspect, &suspects, units)?))
+        // gains of each set of units when it was last tried
+        let mut gains: BTreeMap<&Vec<usize>, (f64, usize)> = BTreeMap::new();
+        for contact in self.contacts.iter().rev() {
+            for (suspect, misfit) in &contact.tried {
+                let (sum, count) = gains.entry(suspect).or_default();
+                if *count < CONTACTS_MOST {
+                    (*sum, *count) = (*sum + contact.misfit - misfit, *count + 1);
+                }
+            }
+        }
+        let suspects: BTreeSet<&Vec<usize>> = gains.keys().copied().collect();
+        let sufficient = gains.into_iter().filter_map(|(suspect, (sum, count))| {
+            // most end here, without a comparison with all others
+            let least = GAIN_SD * expectation.usual(&with(&self.left_out, suspect), &self.left_out).gain_sd;
+            let is_enough = sum >= least * count as f64;
+            Some((suspect, is_enough.then(|| self.log_odds(expectation, suspect, &suspects, units))??))
         });
         if let Some((suspect, log_odds)) = sufficient.max_by(|a, b| a.1.total_cmp(&b.1)) {
-            return Some(Decision::LeaveOut { units: (*suspect).clone(), log_odds });
+            return Some(Decision::LeaveOut { units: suspect.clone(), log_odds });
         }
         let works = self.returns.iter().find(|(unit, gains)| {
             let usual = expectation.usual(&self.left_out, &without(&self.left_out, **unit));
@@ -239,12 +252,7 @@ impl FaultEvidence {
         suspects: &BTreeSet<&Vec<usize>>,
         units: usize,
     ) -> Option<f64> {
-        let felt = || self.contacts.iter().rev().filter(|contact| contact.is_felt_by(suspect)).take(CONTACTS_MOST);
         let usual = expectation.usual(&with(&self.left_out, suspect), &self.left_out);
-        // most units end here, without a search for contacts that are alike
-        if mean_and_sd(felt().map(|contact| contact.misfit - contact.without(suspect))).0 < GAIN_SD * usual.gain_sd {
-            return None;
-        }
         let mut contacts: Vec<&TriedContact> = Vec::new();
         for contact in self.contacts.iter().rev().filter(|contact| contact.is_felt_by(suspect)) {
             // the model's errors at one place would count several times

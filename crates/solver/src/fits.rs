@@ -27,7 +27,12 @@ struct Made {
 impl Fits {
     /// Creates the fits of a model, of which none is made yet.
     pub fn new(model: impl Into<Arc<Model>>) -> Self {
-        Fits { model: model.into(), made: Mutex::new(Vec::new()), expectation: OnceLock::new(), searching: Mutex::new(()) }
+        Fits {
+            model: model.into(),
+            made: Mutex::new(Vec::new()),
+            expectation: OnceLock::new(),
+            searching: Mutex::new(()),
+        }
     }
 
     /// Returns the model.

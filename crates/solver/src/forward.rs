@@ -1,8 +1,8 @@
 //! Inverts a map: finds the place and force at which the map reads like the array.
 
 use super::descent::{BestFit, Descent};
-use super::heldout::HeldPress;
 use super::expectation::Prediction;
+use super::heldout::HeldPress;
 use super::method::{PHYSICS, SURROGATE};
 use super::normal::{NormalEquations, inverse};
 use super::response::ForwardResponse;

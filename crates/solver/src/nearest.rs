@@ -114,7 +114,8 @@ impl NearestPresses {
 
     /// Root mean square of each output.
     pub(crate) fn sizes(&self) -> Vec<f64> {
-        let squares = |unit: usize| self.rows.iter().skip(unit).step_by(self.units).map(|output| output * output).sum::<f64>();
+        let squares =
+            |unit: usize| self.rows.iter().skip(unit).step_by(self.units).map(|output| output * output).sum::<f64>();
         (0..self.units).map(|unit| (squares(unit) / self.places.len() as f64).sqrt()).collect()
     }
 
@@ -149,7 +150,8 @@ impl NearestPresses {
             (moved + self.noise.variance(unit, output) - constant).max(f64::MIN_POSITIVE)
         };
         let first = self.row(nearest[0].press);
-        let precision: Vec<f64> = counted.iter().map(|&unit| 1.0 / variance(unit, scale * first[unit]).sqrt()).collect();
+        let precision: Vec<f64> =
+            counted.iter().map(|&unit| 1.0 / variance(unit, scale * first[unit]).sqrt()).collect();
         let off = |near: &Near| -> Vec<f64> {
             let row = self.row(near.press);
             counted.iter().zip(&precision).map(|(&unit, by)| (outputs[unit] - near.scale * row[unit]) * by).collect()

@@ -5,8 +5,8 @@ use super::fault_search::FaultEvidence;
 use super::fits::Unmade;
 use super::history::GAP_MOST;
 use super::{
-    Broken, ContactVerdict, FaultChange, FaultSearch, FaultyUnit, FitError, Fits, Fitted, MOST_FITS, Model, OutputFault,
-    SearchedFaults, Solution, SolveError, Solver, Workspace,
+    Broken, ContactVerdict, FaultChange, FaultSearch, FaultyUnit, FitError, Fits, Fitted, MOST_FITS, Model,
+    OutputFault, SearchedFaults, Solution, SolveError, Solver, Workspace,
 };
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -222,7 +222,9 @@ impl Session {
             }
         }
         self.is_due |= self.contacts.len() == CONTACTS_A_SEARCH || (self.is_out_of_date && !was_out_of_date);
-        if !self.defers && let Some(search) = self.search() {
+        if !self.defers
+            && let Some(search) = self.search()
+        {
             self.accept(search.run());
         }
     }
