@@ -39,7 +39,7 @@ A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
 solved by the same method without that channel.
 
 If too many contacts don't fit, a line on standard error asks once to calibrate
-again.
+again. An output that breaks is named there, and in left_out with its odds.
 
 An invalid line ends the program. With --keep-going, its answer is unsolved, with
 line and error. An invalid header still ends it.";

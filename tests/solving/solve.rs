@@ -130,7 +130,7 @@ fn keep_going_answers_an_invalid_line_and_solves_the_next() {
             bad.starts_with(&format!("{line},,,,,,,,,,,,,,,,unsolved,,,")) && bad.contains(&format!("line {line}")),
             "{bad}"
         );
-        assert!(good.starts_with(&format!("{},,,-4.0,0.0,1.0,", line + 2)) && good.ends_with(",ok,,"), "{good}");
+        assert!(good.starts_with(&format!("{},,,-4.0,0.0,1.0,", line + 2)) && good.ends_with(",ok,,,"), "{good}");
     }
     assert!(lines[1].ends_with("\"stdin, line 1, column `out_2`: expected a number, found `x`\""), "{}", lines[1]);
     assert!(output.err.is_empty(), "{}", output.err);
@@ -266,7 +266,7 @@ fn broken_unit_is_reported_once_and_then_excluded() {
     let line = notes.rsplit_once("stdin, line ").and_then(|(before, said)| {
         assert!(before.contains("calibrate the sensor again"), "{before}");
         let (line, said) = said.split_once(": output 5 contradicts the others (odds ")?;
-        said.strip_suffix(" to 1), left out from here on\n")?.parse::<u64>().ok().filter(|odds| *odds > 9000)?;
+        said.strip_suffix(" to 1), left out from here on")?.parse::<u64>().ok().filter(|odds| *odds > 9000)?;
         line.parse::<usize>().ok()
     });
     let line = line.unwrap_or_else(|| panic!("{}", printed.err));
