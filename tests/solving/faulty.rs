@@ -20,6 +20,9 @@ const CLEAN: usize = 1000;
 /// A press or a contact: its place, force in N, and outputs.
 type Row = (Place, f64, Vec<f64>);
 
+/// Name, units, and change of a reading.
+type Fault<'a> = (String, Vec<usize>, Box<dyn Fn(&mut [f64]) + 'a>);
+
 /// A sensor that is calibrated, and contacts of it.
 struct Calibrated {
     name: String,
@@ -95,7 +98,7 @@ impl Calibrated {
     fn until_named(&self, streams: usize) -> Vec<(String, Option<usize>)> {
         let [strong, median] = self.strongest_and_median();
         let stuck = |unit: usize| self.contacts[5].2[unit];
-        let mut faults: Vec<(String, Vec<usize>, Box<dyn Fn(&mut [f64]) + '_>)> = Vec::new();
+        let mut faults: Vec<Fault<'_>> = Vec::new();
         for unit in [strong, median] {
             faults.push((format!("dead {unit}"), vec![unit], Box::new(move |outputs| outputs[unit] = 0.0)));
             faults.push((format!("weak {unit}"), vec![unit], Box::new(move |outputs| outputs[unit] *= 0.3)));

@@ -40,7 +40,7 @@ impl Fits {
         &self.model
     }
 
-    /// Returns what the model expects of good contacts; `None` if it can't tell.
+    /// Returns what the model expects of good contacts; `None` if nothing shows it.
     pub(super) fn expectation(&self) -> Option<&Expectation> {
         self.expectation.get_or_init(|| Expectation::of(self.model.clone())).as_ref()
     }
