@@ -36,10 +36,10 @@ A series (--history, or its file) needs t_s, in s, and all outputs with
 each reading. The answer is force_n.
 
 A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
-solved by the same method without that channel.
+solved without that channel.
 
-If too many contacts don't fit, a line on standard error asks once to calibrate
-again. An output that breaks is named there, and in left_out with its odds.
+If too many contacts don't fit, standard error asks once to calibrate again. It
+and left_out name outputs that break.
 
 An invalid line ends the program. With --keep-going, its answer is unsolved, with
 line and error. An invalid header still ends it.";
