@@ -246,6 +246,9 @@ class Session:
     @property
     def broken(self) -> list[int]:
         """Outputs that are excluded, counted from 1."""
+    @property
+    def at_fault(self) -> dict[int, float]:
+        """Outputs at fault since the calibration, counted from 1, which are excluded: each with the odds to one that it is at fault."""
 
 @final
 class Events(Iterator[dict[str, Any]]):

@@ -7,8 +7,10 @@ use super::refused::{UsageError, raised, warn};
 use palpate::api::{self, ColumnsOptions, Measure, MethodOptions, Sensor, SensorModel};
 use palpate_core::parallel::lock;
 use palpate_data::dataset::Fingerprint;
+use palpate_data::dataset::answers::SearchingApart;
 use palpate_solver::{self as solver, Solver as _};
 use pyo3::prelude::*;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
@@ -32,8 +34,8 @@ pub struct PyModel {
 /// One reading after another of one sensor. An output that breaks is excluded from then on.
 #[pyclass(name = "Session", frozen, module = "palpate")]
 pub struct PySession {
-    session: Mutex<solver::Session>,
-    outputs: usize,
+    session: Mutex<SearchingApart>,
+    model: Arc<solver::Model>,
 }
 
 /// Fits a method to a run or a table of presses, like `palpate fit`.
@@ -130,12 +132,15 @@ impl PyModel {
     /// `Frame` with a row for each reading. The numbers are those of `palpate solve`, to the last bit. Each call is a session of
     /// its own: an output that breaks within a batch is excluded from the rest of the batch. Other threads continue meanwhile.
     fn solve<'py>(&self, py: Python<'py>, readings: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        solved(py, readings, self.outputs(), |solve| self.with_session(solve))
+        solved(py, readings, &self.model, |solve| {
+            self.with_session(&mut |session| solve(&mut |outputs| session.solve(outputs)));
+        })
     }
 
     /// Begins a session: one reading after another, where an output that breaks is excluded from then on, as in `palpate solve`.
     fn session(&self) -> PySession {
-        PySession { session: Mutex::new(solver::Session::new(self.model.clone())), outputs: self.outputs() }
+        let session = SearchingApart::new(solver::Session::new(self.model.clone()));
+        PySession { session: Mutex::new(session), model: self.model.clone() }
     }
 
     /// Name of the method.
@@ -196,54 +201,60 @@ impl PyModel {
 impl PySession {
     /// Solves the next reading, shape (outputs,), or the next batch, shape (rows, outputs), as `Model.solve` does.
     fn solve<'py>(&self, py: Python<'py>, readings: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        solved(py, readings, self.outputs, |solve| solve(&mut lock(&self.session)))
+        solved(py, readings, &self.model, |solve| {
+            let mut session = lock(&self.session);
+            solve(&mut |outputs| session.solve(outputs));
+        })
     }
 
     /// Whether so many contacts didn't fit the calibration that the sensor should be calibrated again.
     #[getter]
     fn is_out_of_date(&self, py: Python<'_>) -> bool {
-        py.detach(|| lock(&self.session).is_out_of_date())
+        py.detach(|| lock(&self.session).session().is_out_of_date())
     }
 
     /// Outputs that are excluded, counted from 1.
     #[getter]
     fn broken(&self, py: Python<'_>) -> Vec<usize> {
-        let broken = || lock(&self.session).broken().iter().map(|broken| broken.unit + 1).collect();
+        let broken = || lock(&self.session).session().broken().iter().map(|broken| broken.unit + 1).collect();
         py.detach(broken)
     }
+
+    /// Outputs at fault since the calibration, counted from 1, which are excluded: each with the odds to one that it is at fault.
+    #[getter]
+    fn at_fault(&self, py: Python<'_>) -> BTreeMap<usize, f64> {
+        let at_fault = || lock(&self.session).session().at_fault();
+        py.detach(at_fault).into_iter().map(|faulty| (faulty.unit + 1, faulty.odds)).collect()
+    }
 }
+
+/// Solves the next reading of a session.
+type SolveNext<'a> = dyn FnMut(&[f64]) -> Result<solver::Solution, solver::Unanswered> + 'a;
 
 /// Solves readings with a session, without the interpreter's lock.
 fn solved<'py>(
     py: Python<'py>,
     given: &Bound<'py, PyAny>,
-    units: usize,
-    session: impl FnOnce(&mut dyn FnMut(&mut solver::Session)) + Send,
+    model: &solver::Model,
+    session: impl FnOnce(&mut dyn FnMut(&mut SolveNext<'_>)) + Send,
 ) -> PyResult<Bound<'py, PyAny>> {
+    let (units, measure) = (model.validity().units, Measure::of(model));
     let readings = PyReadings::of(given, units)?;
     let numbers = readings.numbers()?;
     match readings.rows {
         None => {
             let mut contact = None;
             py.detach(|| {
-                session(&mut |session| {
-                    let solved = session.solve(numbers);
-                    contact = Some(PyContact::of(&solved, Measure::of(session.model())));
-                });
+                session(&mut |solve| contact = Some(PyContact::of(&solve(numbers), measure)));
             });
             Ok(contact.into_pyobject(py)?.into_any())
         }
         Some(rows) => {
-            let (mut contacts, mut has_two_methods, mut measure) = (PyContacts::new(rows), false, Measure::Force);
+            let (mut contacts, has_two_methods) = (PyContacts::new(rows), model.fitted().at_calibrated_load().is_some());
             py.detach(|| {
                 // a reading without outputs is refused above: no array has none
-                session(&mut |session| {
-                    measure = Measure::of(session.model());
-                    has_two_methods = session.model().fitted().at_calibrated_load().is_some();
-                    for reading in numbers.chunks_exact(units) {
-                        let solved = session.solve(reading);
-                        contacts.add(&solved, measure);
-                    }
+                session(&mut |solve| {
+                    numbers.chunks_exact(units).for_each(|reading| contacts.add(&solve(reading), measure));
                 });
             });
             Ok(contacts.frame(has_two_methods, measure).into_pyobject(py)?.into_any())

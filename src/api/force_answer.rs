@@ -4,6 +4,7 @@ use super::lines::{AnswerWriter, Lines};
 use super::solutions::{DECIMALS, UNSOLVED};
 use palpate_core::quantity::round;
 use palpate_data::dataset::readings::Reading;
+use palpate_solver::FaultyUnit;
 use palpate_solver::vector::{VECTOR_NUMBERS, VectorSolution};
 use serde::ser::{Serialize, SerializeStruct as _, Serializer};
 use serde_json::Value;
@@ -50,7 +51,12 @@ impl<W: Write> ForceSolutions<W> {
 }
 
 impl<W: Write> AnswerWriter<VectorSolution> for ForceSolutions<W> {
-    fn write(&mut self, reading: &Reading, solved: &Result<VectorSolution, impl Error>) -> io::Result<()> {
+    fn write(
+        &mut self,
+        reading: &Reading,
+        _: &[FaultyUnit],
+        solved: &Result<VectorSolution, impl Error>,
+    ) -> io::Result<()> {
         let found = solved.as_ref().ok();
         let numbers = found.map_or([f64::NAN; VECTOR_NUMBERS.len()], vector_numbers);
         let numbers = VECTOR_NUMBERS.into_iter().zip(numbers.map(Value::from)); // NaN is null
@@ -65,7 +71,7 @@ impl<W: Write> AnswerWriter<VectorSolution> for ForceSolutions<W> {
 }
 
 impl<W: Write> AnswerWriter<f64> for ForceSolutions<W> {
-    fn write(&mut self, reading: &Reading, solved: &Result<f64, impl Error>) -> io::Result<()> {
+    fn write(&mut self, reading: &Reading, _: &[FaultyUnit], solved: &Result<f64, impl Error>) -> io::Result<()> {
         let force_n = solved.as_ref().ok().map(|force_n| round(*force_n, DECIMALS));
         let verdict = if solved.is_ok() { "ok" } else { UNSOLVED };
         self.write_line(reading, solved, [("force_n", force_n.into())].into_iter(), [("verdict", verdict.into())])

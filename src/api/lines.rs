@@ -2,6 +2,7 @@
 
 use super::solutions::io_error;
 use palpate_data::dataset::readings::Reading;
+use palpate_solver::FaultyUnit;
 use serde::Serialize;
 use serde_json::Value;
 use std::error::Error;
@@ -12,8 +13,8 @@ const BUFFER_BYTES: usize = 64 << 10;
 
 /// Writes the answer to each reading as a line.
 pub(crate) trait AnswerWriter<T> {
-    /// Writes one answer.
-    fn write(&mut self, reading: &Reading, solved: &Result<T, impl Error>) -> io::Result<()>;
+    /// Writes one answer, which was solved without the units at fault.
+    fn write(&mut self, reading: &Reading, at_fault: &[FaultyUnit], solved: &Result<T, impl Error>) -> io::Result<()>;
 
     /// Flushes the lines written so far.
     fn flush(&mut self) -> io::Result<()>;

@@ -3,7 +3,7 @@
 use super::lines::{AnswerWriter, Lines};
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::readings::Reading;
-use palpate_solver::{ContactVerdict, Covariance, Fitted, HalfWidths, Model, Solution};
+use palpate_solver::{ContactVerdict, Covariance, FaultyUnit, Fitted, HalfWidths, Model, Solution};
 use serde::Serialize;
 use serde_json::Value;
 use std::error::Error;
@@ -105,6 +105,8 @@ struct SolutionLine<'a> {
     load: Option<&'static str>,
     verdict: &'static str,
     unit: Option<usize>,
+    /// Units that broke since the calibration and are left out, each with the odds to one that it is at fault.
+    left_out: String,
     /// Why there is no contact.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<String>,
@@ -123,7 +125,12 @@ impl<W: Write> Solutions<W> {
 }
 
 impl<W: Write> AnswerWriter<Solution> for Solutions<W> {
-    fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
+    fn write(
+        &mut self,
+        reading: &Reading,
+        at_fault: &[FaultyUnit],
+        solved: &Result<Solution, impl Error>,
+    ) -> io::Result<()> {
         let load = solved.as_ref().map_or("", Solution::load);
         let [id, t_s] = self.lines.labels(reading);
         let line = SolutionLine {
@@ -131,6 +138,11 @@ impl<W: Write> AnswerWriter<Solution> for Solutions<W> {
             id,
             t_s,
             load: self.has_two_methods.then_some(load),
+            left_out: at_fault
+                .iter()
+                .map(|FaultyUnit { unit, odds }| format!("{}:{odds}", unit + 1))
+                .collect::<Vec<_>>()
+                .join(" "),
             error: self.lines.error(solved, self.keep_going),
             ..SolutionLine::of(solved, self.measure)
         };
@@ -246,6 +258,7 @@ impl SolutionLine<'_> {
                 ContactVerdict::ChannelFault(unit) => Some(unit + 1),
                 _ => None,
             }),
+            left_out: String::new(),
             error: None,
         }
     }
@@ -264,6 +277,7 @@ mod tests {
     use super::*;
     use palpate_solver::{SolveError, SolvedDepth};
 
+    const AT_FAULT: &[FaultyUnit] = &[FaultyUnit { unit: 7, odds: 25_000.0 }];
     const NO_WIDTHS: &str =
         r#""half68_mm":null,"half95_mm":null,"half68_n":null,"half95_n":null,"other_x_mm":null,"other_y_mm":null,"#;
 
@@ -279,7 +293,7 @@ mod tests {
     ) -> String {
         let mut bytes = Vec::new();
         let mut solutions = Solutions::new(&mut bytes, json, keep_going, measure);
-        lines.iter().for_each(|(reading, solved)| solutions.write(reading, solved).unwrap());
+        lines.iter().for_each(|(reading, solved)| solutions.write(reading, AT_FAULT, solved).unwrap());
         solutions.flush().unwrap();
         drop(solutions);
         String::from_utf8(bytes).unwrap()
@@ -313,14 +327,14 @@ mod tests {
     #[test]
     fn a_contact_is_a_line_with_what_is_unknown_left_empty() {
         let expected = "\
-id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n,half95_n,other_x_mm,other_y_mm,misfit,verdict,unit
-\"a,b\",0.5,1.25,-2.0,1.0,0.2,0.3,,0.4,0.8,0.1,0.25,3.0,4.0,0.5,channel-fault,5
-,,1.25,-2.0,1.0,,,,,,,,,,,not-one-contact,
-,,,,,,,,,,,,,,,unsolved,
+id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n,half95_n,other_x_mm,other_y_mm,misfit,verdict,unit,left_out
+\"a,b\",0.5,1.25,-2.0,1.0,0.2,0.3,,0.4,0.8,0.1,0.25,3.0,4.0,0.5,channel-fault,5,8:25000
+,,1.25,-2.0,1.0,,,,,,,,,,,not-one-contact,,8:25000
+,,,,,,,,,,,,,,,unsolved,,8:25000
 ";
         assert_eq!(written(false, false, &lines()), expected);
         let without = written(false, false, &lines()[1..]);
-        assert!(without.starts_with("x_mm,") && without.ends_with("\n,,,,,,,,,,,,,unsolved,\n"), "{without}");
+        assert!(without.starts_with("x_mm,") && without.ends_with("\n,,,,,,,,,,,,,unsolved,,8:25000\n"), "{without}");
         assert_eq!(written(false, false, &[]), "");
     }
 
@@ -328,16 +342,16 @@ id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n
     fn a_contact_is_an_object_with_null_for_what_is_unknown() {
         let expected = r#"{"id":"a,b","t_s":0.5,"x_mm":1.25,"y_mm":-2.0,"force_n":1.0,"#.to_owned()
             + r#""sd_x_mm":0.2,"sd_y_mm":0.3,"sd_force_n":null,"half68_mm":0.4,"half95_mm":0.8,"half68_n":0.1,"#
-            + r#""half95_n":0.25,"other_x_mm":3.0,"other_y_mm":4.0,"misfit":0.5,"verdict":"channel-fault","unit":5}"#
+            + r#""half95_n":0.25,"other_x_mm":3.0,"other_y_mm":4.0,"misfit":0.5,"verdict":"channel-fault","unit":5,"left_out":"8:25000"}"#
             + "\n"
             + r#"{"x_mm":1.25,"y_mm":-2.0,"force_n":1.0,"sd_x_mm":null,"sd_y_mm":null,"sd_force_n":null,"#
             + NO_WIDTHS
-            + r#""misfit":null,"verdict":"not-one-contact","unit":null}"#
+            + r#""misfit":null,"verdict":"not-one-contact","unit":null,"left_out":"8:25000"}"#
             + "\n"
             + r#"{"x_mm":null,"y_mm":null,"force_n":null,"sd_x_mm":null,"sd_y_mm":null,"sd_force_n":null,"#
             + NO_WIDTHS
             + r#""misfit":null,"#
-            + r#""verdict":"unsolved","unit":null,"error":"all outputs are equal: the reading correlates with no place"}"#
+            + r#""verdict":"unsolved","unit":null,"left_out":"8:25000","error":"all outputs are equal: the reading correlates with no place"}"#
             + "\n";
         assert_eq!(written(true, false, &lines()), expected);
     }
@@ -349,10 +363,10 @@ id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n
             half.half95_n = 4e-7;
         }
         let expected = "\
-id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n,half95_n,other_x_mm,other_y_mm,misfit,relative_force,half68_relative_force,half95_relative_force,verdict,unit
-\"a,b\",0.5,1.25,-2.0,,0.2,0.3,,0.4,0.8,,,3.0,4.0,0.5,1.0,0.1,,channel-fault,5
-,,1.25,-2.0,,,,,,,,,,,,1.0,,,not-one-contact,
-,,,,,,,,,,,,,,,,,,unsolved,
+id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n,half95_n,other_x_mm,other_y_mm,misfit,relative_force,half68_relative_force,half95_relative_force,verdict,unit,left_out
+\"a,b\",0.5,1.25,-2.0,,0.2,0.3,,0.4,0.8,,,3.0,4.0,0.5,1.0,0.1,,channel-fault,5,8:25000
+,,1.25,-2.0,,,,,,,,,,,,1.0,,,not-one-contact,,8:25000
+,,,,,,,,,,,,,,,,,,unsolved,,8:25000
 ";
         assert_eq!(written_with(false, false, Measure::RelativeForce, &lines), expected);
         let objects = written_with(true, false, Measure::RelativeForce, &lines);
@@ -364,8 +378,8 @@ id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n
     #[test]
     fn depths_take_the_columns_of_forces() {
         let expected = "\
-id,t_s,x_mm,y_mm,depth_mm,sd_x_mm,sd_y_mm,sd_depth_mm,half68_mm,half95_mm,half68_depth_mm,half95_depth_mm,other_x_mm,other_y_mm,misfit,verdict,unit
-\"a,b\",0.5,1.25,-2.0,0.5,0.2,0.3,0.01,0.4,0.8,0.02,0.03,3.0,4.0,0.5,channel-fault,5
+id,t_s,x_mm,y_mm,depth_mm,sd_x_mm,sd_y_mm,sd_depth_mm,half68_mm,half95_mm,half68_depth_mm,half95_depth_mm,other_x_mm,other_y_mm,misfit,verdict,unit,left_out
+\"a,b\",0.5,1.25,-2.0,0.5,0.2,0.3,0.01,0.4,0.8,0.02,0.03,3.0,4.0,0.5,channel-fault,5,8:25000
 ";
         assert_eq!(written_with(false, false, Measure::Depth, &lines()[..1]), expected);
         let objects = written_with(true, false, Measure::Depth, &lines());
@@ -377,9 +391,9 @@ id,t_s,x_mm,y_mm,depth_mm,sd_x_mm,sd_y_mm,sd_depth_mm,half68_mm,half95_mm,half68
         let [_, unsure, unsolved] = lines();
         let lines = [unsolved, unsure].map(|(reading, solved)| (Reading { line: 7, ..reading }, solved));
         let expected = "\
-line,id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n,half95_n,other_x_mm,other_y_mm,misfit,verdict,unit,error
-7,,,,,,,,,,,,,,,,unsolved,,all outputs are equal: the reading correlates with no place
-7,,,1.25,-2.0,1.0,,,,,,,,,,,not-one-contact,,
+line,id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n,half95_n,other_x_mm,other_y_mm,misfit,verdict,unit,left_out,error
+7,,,,,,,,,,,,,,,,unsolved,,8:25000,all outputs are equal: the reading correlates with no place
+7,,,1.25,-2.0,1.0,,,,,,,,,,,not-one-contact,,8:25000,
 ";
         assert_eq!(written(false, true, &lines), expected);
         let objects = written(true, true, &lines);

@@ -9,7 +9,7 @@ use super::solutions::{Measure, Solutions};
 use super::stream::AnswerStream;
 use super::{Failure, Note};
 use miette::{IntoDiagnostic, WrapErr};
-use palpate_data::dataset::answers::{Answers, ReadingSolver};
+use palpate_data::dataset::answers::{Answers, ReadingSolver, SearchingApart};
 use palpate_data::dataset::readings::{Readings, StreamLines};
 use palpate_data::dataset::sensor_file::SensorModel;
 use palpate_solver::vector::{VectorFits, VectorSession};
@@ -42,6 +42,9 @@ pub struct SolveOptions {
     /// Don't print which method is used and why
     #[arg(long)]
     pub quiet: bool,
+    /// Whether searches for outputs at fault run beside the answers, so that none waits. Otherwise the same readings have the same answers.
+    #[arg(skip)]
+    pub is_live: bool,
     /// The method, if no sensor file is named.
     #[command(flatten)]
     pub method: MethodOptions,
@@ -100,7 +103,11 @@ pub fn solve(
         SensorModel::Contact(model) => {
             let solutions = Solutions::new(contacts, json, keep_going, Measure::of(&model)).of_methods(model.fitted());
             let units = model.validity().units;
-            answer(Session::new(*model), units, options, readings, solutions, note)
+            let session = Session::new(*model);
+            match options.is_live {
+                true => answer(SearchingApart::new(session), units, options, readings, solutions, note),
+                false => answer(session, units, options, readings, solutions, note),
+            }
         }
         SensorModel::Vector(model) => {
             let (solutions, units) = (ForceSolutions::new(contacts, json, keep_going), model.validity().units);

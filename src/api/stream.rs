@@ -4,7 +4,7 @@ use super::Note;
 use super::lines::AnswerWriter;
 use palpate_data::dataset::answers::{Answers, LineAnswer, ReadingSolver, UnansweredLine};
 use palpate_data::dataset::readings::{ReadingError, StreamLines};
-use palpate_solver::Broken;
+use palpate_solver::{FaultChange, FaultyUnit};
 use std::collections::HashSet;
 use std::io::{self, Read};
 
@@ -47,7 +47,7 @@ impl AnswerStream<'_> {
                 }
                 Ok(Some(answer)) => {
                     is_empty = false;
-                    solutions.write(answer.reading, &answer.solved)?;
+                    solutions.write(answer.reading, &answer.at_fault, &answer.solved)?;
                     self.remark(&answer, &mut reasons);
                 }
                 Ok(None) => {}
@@ -74,8 +74,18 @@ impl AnswerStream<'_> {
         {
             note(&format!("unsolved, {why} (reported once)"));
         }
-        for Broken { unit, fault } in answer.broken {
-            note(&format!("output {} {}, excluded from here on", unit + 1, fault.text()));
+        for change in answer.changes {
+            note(&match change {
+                FaultChange::LeftOut(FaultyUnit { unit, odds }) => {
+                    format!("output {} contradicts the others (odds {odds} to 1), left out from here on", unit + 1)
+                }
+                FaultChange::Back(unit) => {
+                    format!("output {} agrees with the others again, used from here on", unit + 1)
+                }
+                FaultChange::Unfit => {
+                    "an output is at fault, but the sensor file has no presses to leave it out: fit again".to_owned()
+                }
+            });
         }
         if answer.is_out_of_date {
             note(

@@ -11,7 +11,7 @@ use crate::api::stream::AnswerStream;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::parallel::lock;
 use palpate_data::dataset::Mapping;
-use palpate_data::dataset::answers::{Answers, ReadingSolver};
+use palpate_data::dataset::answers::{Answers, ReadingSolver, SearchingApart};
 use palpate_data::dataset::readings::{Readings, StreamLines};
 use palpate_data::dataset::sensor_file::SensorModel;
 use palpate_solver::vector::{VectorFits, VectorSession};
@@ -192,7 +192,13 @@ impl Service {
             SharedFits::Contact(fits) => {
                 let model = fits.model();
                 let solutions = Solutions::new(stream, self.json, true, Measure::of(model)).of_methods(model.fitted());
-                self.answer(Session::sharing(fits.clone()), model.validity().units, client, peer, solutions)
+                self.answer(
+                    SearchingApart::new(Session::sharing(fits.clone())),
+                    model.validity().units,
+                    client,
+                    peer,
+                    solutions,
+                )
             }
             SharedFits::Vector(fits) => {
                 let solutions = ForceSolutions::new(stream, self.json, true);

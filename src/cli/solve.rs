@@ -3,6 +3,7 @@
 use super::method::tell_sensor;
 use super::summary::{note, tell};
 use crate::api::{self, Failure, SolveOptions};
+use std::fs::File;
 use std::io::{self, IsTerminal as _};
 use std::process::ExitCode;
 
@@ -35,10 +36,10 @@ A series (--history, or its file) needs t_s, in s, and all outputs with
 each reading. The answer is force_n.
 
 A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
-solved by the same method without that channel.
+solved without that channel.
 
-If too many contacts don't fit, a line on standard error asks once to calibrate
-again.
+If too many contacts don't fit, standard error asks once to calibrate again. It
+and left_out name outputs that break.
 
 An invalid line ends the program. With --keep-going, its answer is unsolved, with
 line and error. An invalid header still ends it.";
@@ -61,6 +62,22 @@ pub(super) fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
             tell("one reading a line; Ctrl-D ends\n")?;
         }
     }
-    api::solve(sensor.model, options, io::stdin().lock(), io::stdout().lock(), &note)?;
+    let options = SolveOptions { is_live: !is_file(), ..options.clone() };
+    api::solve(sensor.model, &options, io::stdin().lock(), io::stdout().lock(), &note)?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Whether standard input is a file, whose readings don't wait for their answers.
+#[cfg(unix)]
+fn is_file() -> bool {
+    use std::os::fd::AsFd as _;
+    let file = io::stdin().as_fd().try_clone_to_owned().map(File::from);
+    file.and_then(|file| file.metadata()).is_ok_and(|metadata| metadata.is_file())
+}
+
+#[cfg(not(unix))]
+fn is_file() -> bool {
+    use std::os::windows::io::AsHandle as _;
+    let file = io::stdin().as_handle().try_clone_to_owned().map(File::from);
+    file.and_then(|file| file.metadata()).is_ok_and(|metadata| metadata.is_file())
 }

@@ -8,6 +8,7 @@ mod causes;
 mod choice;
 mod drags;
 mod evaluate;
+mod faulty;
 mod forces;
 mod golden;
 mod history;

@@ -59,6 +59,8 @@ fn stored_files_of_this_version_give_their_stored_answers() {
         let output = solved(&bench, &format!("--model {} --quiet", file.display()), 0);
         let expected = fs::read_to_string(folder.join(format!("{name}.csv"))).unwrap();
         for (found, expected) in output.out.lines().zip(expected.lines()) {
+            // the stored answers are older than the column of units at fault
+            let found = found.rsplit_once(',').filter(|(_, last)| ["", "left_out"].contains(last)).unwrap().0;
             assert_eq!(found.matches(',').count(), expected.matches(',').count(), "{name}: {found} for {expected}");
             let cells = found.split(',').zip(expected.split(','));
             for (found, expected) in cells {

@@ -15,8 +15,8 @@ pub(super) struct Descent<'a> {
     pub common_offset: bool,
     /// Outputs, one for each unit.
     pub outputs: &'a [f64],
-    /// Unit that is excluded, if any.
-    pub without: Option<usize>,
+    /// Units that are excluded.
+    pub without: &'a [usize],
 }
 
 /// Best fit.
@@ -102,9 +102,7 @@ impl Descent<'_> {
         for (unit, weight) in b.weight.iter_mut().enumerate() {
             *weight = 1.0 / self.response.variance(unit, force_n, b.value[unit], b.leverage[unit]);
         }
-        if let Some(unit) = self.without {
-            b.weight[unit] = 0.0;
-        }
+        self.without.iter().for_each(|&unit| b.weight[unit] = 0.0);
     }
 
     /// Force that fits best with the weights.

@@ -1,8 +1,9 @@
 //! Fits of one model without some of its units, which sessions share.
 
+use super::expectation::Expectation;
 use super::{Broken, FitError, Fitted, Model};
 use palpate_core::parallel::lock;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 /// Largest number of fits that are kept at the same time, for all sessions of a model.
 pub(crate) const MOST_FITS: usize = 64;
@@ -11,6 +12,9 @@ pub(crate) const MOST_FITS: usize = 64;
 pub struct Fits {
     model: Arc<Model>,
     made: Mutex<Vec<Made>>,
+    expectation: OnceLock<Option<Expectation>>,
+    /// Held by the search that runs: sessions search one after another.
+    pub(super) searching: Mutex<()>,
 }
 
 /// A fit without some units.
@@ -23,12 +27,22 @@ struct Made {
 impl Fits {
     /// Creates the fits of a model, of which none is made yet.
     pub fn new(model: impl Into<Arc<Model>>) -> Self {
-        Fits { model: model.into(), made: Mutex::new(Vec::new()) }
+        Fits {
+            model: model.into(),
+            made: Mutex::new(Vec::new()),
+            expectation: OnceLock::new(),
+            searching: Mutex::new(()),
+        }
     }
 
     /// Returns the model.
     pub fn model(&self) -> &Arc<Model> {
         &self.model
+    }
+
+    /// Returns what the model expects of good contacts; `None` if nothing shows it.
+    pub(super) fn expectation(&self) -> Option<&Expectation> {
+        self.expectation.get_or_init(|| Expectation::of(self.model.clone())).as_ref()
     }
 
     /// Returns the method fitted without some units, in addition to those that the model leaves out. Makes the fit if it doesn't

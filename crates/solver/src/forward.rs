@@ -1,6 +1,7 @@
 //! Inverts a map: finds the place and force at which the map reads like the array.
 
 use super::descent::{BestFit, Descent};
+use super::expectation::Prediction;
 use super::heldout::HeldPress;
 use super::method::{PHYSICS, SURROGATE};
 use super::normal::{NormalEquations, inverse};
@@ -182,7 +183,7 @@ impl Forward {
     fn estimate(
         &self,
         outputs: &[f64],
-        without: Option<usize>,
+        without: &[usize],
         workspace: &mut Workspace,
     ) -> Option<(BestFit, Option<Place>)> {
         self.starts.seek(outputs, without, workspace);
@@ -211,6 +212,22 @@ impl Forward {
         Some((best, other.filter(is_as_likely).map(|other| other.place)))
     }
 
+    /// Returns the best fit to a reading without some units, and what it predicts of each unit.
+    pub(crate) fn predict(&self, outputs: &[f64], without: &[usize], workspace: &mut Workspace) -> Option<Prediction> {
+        let (fit, _) = self.estimate(outputs, without, workspace)?;
+        let [mut value, mut leverage] = [(); 2].map(|()| vec![0.0; outputs.len()]);
+        self.response.field.value(fit.place, &mut value);
+        self.response.leverage.value(fit.place, &mut leverage);
+        let variance = |unit: usize| self.response.variance(unit, fit.force_n, value[unit], leverage[unit]);
+        let sd = (0..outputs.len()).map(|unit| variance(unit).sqrt()).collect();
+        let quiet_sd = (0..outputs.len()).map(|unit| self.response.noise.variance(unit, 0.0).sqrt()).collect();
+        let unknowns = if self.load == ForceKnown::Constant { 2 } else { 3 } + usize::from(self.common_offset);
+        let free = outputs.len().saturating_sub(without.len() + unknowns).max(1) as f64;
+        let misfit = (1.0 + fit.chi2 / self.limits.excess) / (1.0 + free);
+        let outputs = value.iter().map(|per_newton| fit.force_n * per_newton).collect();
+        Some(Prediction { log_misfit: misfit.ln(), outputs, sd, quiet_sd })
+    }
+
     /// Returns the best fit without a unit that looks broken, if this fit explains the reading.
     fn without_a_unit(&self, outputs: &[f64], force_n: f64, workspace: &mut Workspace) -> Option<(usize, BestFit)> {
         let looks_broken = |&unit: &usize| {
@@ -218,7 +235,7 @@ impl Forward {
             outputs[unit].abs() < BROKEN_SD * sd || outputs[unit] > force_n * self.loudest[unit] + BROKEN_SD * sd
         };
         let candidates = (0..outputs.len()).filter(looks_broken);
-        let fits = candidates.filter_map(|unit| Some((unit, self.estimate(outputs, Some(unit), workspace)?.0)));
+        let fits = candidates.filter_map(|unit| Some((unit, self.estimate(outputs, &[unit], workspace)?.0)));
         fits.min_by(|a, b| a.1.chi2.total_cmp(&b.1.chi2)).filter(|(_, fit)| fit.chi2 < self.limits.without_a_unit)
     }
 
@@ -250,7 +267,7 @@ impl Solver for Forward {
     }
 
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError> {
-        let (mut estimate, mut other) = self.estimate(outputs, None, workspace).ok_or(SolveError::AllEqual)?;
+        let (mut estimate, mut other) = self.estimate(outputs, &[], workspace).ok_or(SolveError::AllEqual)?;
         let mut limit = self.limits.one_contact;
         let mut verdict = ContactVerdict::Ok;
         if self.response.loudness(outputs) < self.limits.no_contact {
@@ -307,7 +324,7 @@ impl Locate for Forward {
     }
 
     fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<LocatedContact, SolveError> {
-        let (estimate, _) = self.estimate(outputs, None, workspace).ok_or(SolveError::AllEqual)?;
+        let (estimate, _) = self.estimate(outputs, &[], workspace).ok_or(SolveError::AllEqual)?;
         let BestFit { place, force_n, chi2, beyond, .. } = estimate;
         let covariance = self.covariance(&estimate.information);
         let (scale_mm, scale_n) = scales(covariance);
@@ -412,7 +429,7 @@ mod tests {
     /// the best fit, so a descent from there ends at it.
     fn searched(forward: &Forward, outputs: &[f64], workspace: &mut Workspace) -> Place {
         let Forward { response, load, common_offset, .. } = forward;
-        let descent = Descent { response, load: *load, common_offset: *common_offset, outputs, without: None };
+        let descent = Descent { response, load: *load, common_offset: *common_offset, outputs, without: &[] };
         let starts = response.field.area().grid((2.0 * HALF_MM / 0.4) as usize + 1);
         let fits = starts.into_iter().filter_map(|start| descent.from(start, workspace));
         fits.min_by(|a, b| a.chi2.total_cmp(&b.chi2)).unwrap().place

@@ -68,7 +68,9 @@ mod correlation;
 mod depth_curve;
 mod descent;
 mod evaluation;
+mod expectation;
 mod extra_trees;
+mod fault_search;
 mod field;
 mod fits;
 mod fitted;
@@ -81,6 +83,7 @@ mod hyperparameters;
 mod kriging;
 mod method;
 mod model;
+mod nearest;
 mod noise;
 mod normal;
 pub mod over_time;
@@ -120,6 +123,7 @@ pub use evaluation::{
     Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
     TestPress, UnsolvedPress, Verdicts, Within, evaluate,
 };
+pub use fault_search::{FaultChange, FaultSearch, FaultyUnit, SearchedFaults};
 pub use fits::Fits;
 pub(crate) use fits::MOST_FITS;
 pub use fitted::{Choice, Fitted, Tie, TriedMethod};

@@ -1,12 +1,14 @@
 //! Solves one reading after another, without broken units.
 
 use super::chart::MisfitChart;
+use super::fault_search::FaultEvidence;
 use super::fits::Unmade;
 use super::history::GAP_MOST;
 use super::{
-    Broken, ContactVerdict, FitError, Fits, Fitted, MOST_FITS, Model, OutputFault, Solution, SolveError, Solver,
-    Workspace,
+    Broken, ContactVerdict, FaultChange, FaultSearch, FaultyUnit, FitError, Fits, Fitted, MOST_FITS, Model,
+    OutputFault, SearchedFaults, Solution, SolveError, Solver, Workspace,
 };
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Solves one reading after another. If a unit breaks, it is excluded from then on.
@@ -14,9 +16,8 @@ use std::sync::Arc;
 /// A reading may have missing outputs, which are NaN. Such a reading is solved by the same method fitted without these units.
 /// That fit is made for the first such reading, and kept.
 ///
-/// For each reading, a forward method reports which unit contradicts all others, if one does. These verdicts are added up for
-/// each unit by a cumulative sum test (Page 1954). A broken unit is named by at least every second contact, a good unit by at
-/// most one of fifty. All readings of the same contact count once.
+/// After every 10 contacts, and when the chart first reports, a [`FaultSearch`] shows which units broke since the calibration, and
+/// which work again. All readings of the same contact count once.
 ///
 /// A control chart shows whether more contacts than expected don't fit the calibration: see [`Session::is_out_of_date`].
 ///
@@ -29,10 +30,19 @@ pub struct Session {
     reduced: Option<Arc<Fitted>>,
     /// Fits for readings with missing outputs.
     partial: Vec<Partial>,
-    /// Logarithm of the odds that each unit is broken; at least 0.
-    evidence: Vec<f64>,
+    /// What the contacts so far showed about each unit.
+    evidence: FaultEvidence,
+    /// Readings of the contacts since the last search.
+    contacts: VecDeque<Vec<f64>>,
+    changes: Vec<FaultChange>,
+    /// Whether the program makes the searches, one is due, and one isn't accepted yet.
+    defers: bool,
+    is_due: bool,
+    is_searched: bool,
     /// Last contact that counted.
-    witness: Option<Solution>,
+    last: Option<Solution>,
+    /// Last reading that was kept.
+    last_outputs: Vec<f64>,
     /// Contacts that don't fit the calibration.
     chart: MisfitChart,
     is_out_of_date: bool,
@@ -93,12 +103,10 @@ pub enum Unanswered {
 
 /// Largest number of fits that are kept for readings with missing outputs. Each set of missing units requires one.
 pub const MOST_PARTIAL: usize = 16;
-/// Assumed fraction of contacts in which a broken unit is named.
-const NAMED_IF_BROKEN: f64 = 0.5;
-/// Assumed fraction of contacts in which a good unit is named.
-const NAMED_IF_GOOD: f64 = 0.02;
-/// Sufficient evidence (natural logarithm): a million to one.
-const ENOUGH: f64 = 13.8;
+/// Number of contacts after which a search is due.
+const CONTACTS_A_SEARCH: usize = 10;
+/// Least change of a reading that is kept, as a fraction of its length.
+const CHANGED: f64 = 0.1;
 /// Least distance of two different contacts, in sd.
 const APART_SD: f64 = 3.0;
 impl Session {
@@ -110,13 +118,19 @@ impl Session {
     /// Creates a session that shares the fits of a model with other sessions.
     pub fn sharing(fits: Arc<Fits>) -> Self {
         Session {
-            evidence: vec![0.0; fits.model().validity().units],
+            evidence: FaultEvidence::default(),
+            contacts: VecDeque::new(),
+            changes: Vec::new(),
+            defers: false,
+            is_due: false,
+            is_searched: false,
             chart: MisfitChart::new(fits.model().setting().false_alarms),
             fits,
             broke: Vec::new(),
             reduced: None,
             partial: Vec::new(),
-            witness: None,
+            last: None,
+            last_outputs: Vec::new(),
             is_out_of_date: false,
             workspace: Workspace::default(),
         }
@@ -135,7 +149,7 @@ impl Session {
     /// Forgets all readings, so that the next answers are those of a new session.
     pub fn restart(&mut self) {
         let workspace = Workspace { other_loads: 0.0, ..std::mem::take(&mut self.workspace) };
-        *self = Session { workspace, ..Session::sharing(self.fits.clone()) };
+        *self = Session { workspace, defers: self.defers, ..Session::sharing(self.fits.clone()) };
     }
 
     /// The method, without the units that broke.
@@ -154,7 +168,7 @@ impl Session {
     /// # Errors
     /// The reading has no answer, or it can't be solved without its missing outputs.
     pub fn solve(&mut self, outputs: &[f64]) -> Result<Solution, Unanswered> {
-        let (expected, found) = (self.evidence.len(), outputs.len());
+        let (expected, found) = (self.model().validity().units, outputs.len());
         if found != expected {
             return Err(SolveError::Channels { expected, found }.into());
         }
@@ -165,7 +179,7 @@ impl Session {
         // not by `fitted`, which would borrow the workspace too
         let fitted = partial.as_deref().or(self.reduced.as_deref()).unwrap_or(self.fits.model().fitted());
         let solution = fitted.solve(outputs, &mut self.workspace)?;
-        self.weigh(&solution, &missing);
+        self.count(outputs, &solution);
         Ok(solution)
     }
 
@@ -174,7 +188,7 @@ impl Session {
         if let Some(partial) = self.partial.iter().find(|partial| partial.missing == missing) {
             return partial.fitted.clone().map_err(Unanswered::Unfit);
         }
-        if missing.len() + self.broken().len() >= self.evidence.len() {
+        if missing.len() + self.broken().len() >= self.model().validity().units {
             return Err(Unanswered::NoOutputs);
         }
         if self.partial.len() == MOST_PARTIAL {
@@ -190,36 +204,89 @@ impl Session {
         fitted.map_err(Unanswered::Unfit)
     }
 
-    /// Counts the solution as evidence for or against each unit. Leaves out a unit if the evidence against it is sufficient.
-    fn weigh(&mut self, solution: &Solution, missing: &[usize]) {
-        let says_nothing = solution.verdict == ContactVerdict::WeakSignal;
-        if says_nothing || self.witness.is_some_and(|last| is_same(&last, solution)) {
+    /// Counts a contact that differs from the last one, and keeps its reading for the search.
+    fn count(&mut self, outputs: &[f64], solution: &Solution) {
+        if solution.verdict == ContactVerdict::WeakSignal {
             return;
         }
-        self.witness = Some(*solution);
-        let named = match solution.verdict {
-            ContactVerdict::ChannelFault(unit) => Some(unit),
-            _ => None,
-        };
-        let odds_if_named = (NAMED_IF_BROKEN / NAMED_IF_GOOD).ln();
-        let odds_if_not = ((1.0 - NAMED_IF_BROKEN) / (1.0 - NAMED_IF_GOOD)).ln();
-        for (unit, evidence) in self.evidence.iter_mut().enumerate().filter(|(unit, _)| !missing.contains(unit)) {
-            let odds = if named == Some(unit) { odds_if_named } else { odds_if_not };
-            *evidence = (*evidence + odds).max(0.0);
+        let was_out_of_date = self.is_out_of_date;
+        if !self.last.is_some_and(|last| is_same(&last, solution)) {
+            self.last = Some(*solution);
+            self.is_out_of_date |= self.chart.count(solution);
         }
-        self.is_out_of_date |= self.chart.count(solution);
-        if let Some(unit) = named.filter(|unit| self.evidence[*unit] > ENOUGH) {
-            let without = [self.broke.as_slice(), &[Broken { unit, fault: OutputFault::Contradicts }]].concat();
-            // an array that has too few units left, or a model without presses, continues with the units it has
-            if let Ok(Ok(fitted)) = self.fits.without(&without) {
-                (self.broke, self.reduced) = (without, Some(fitted));
-                self.partial.clear();
-                // the unit was the reason
-                self.chart = MisfitChart::new(self.model().setting().false_alarms);
+        if outputs.iter().all(|output| output.is_finite()) && !is_nearly(&self.last_outputs, outputs) {
+            self.last_outputs = outputs.to_vec();
+            self.contacts.push_back(outputs.to_vec());
+            if self.contacts.len() > CONTACTS_A_SEARCH {
+                self.contacts.pop_front();
             }
-            self.evidence.fill(0.0);
+        }
+        self.is_due |= self.contacts.len() == CONTACTS_A_SEARCH || (self.is_out_of_date && !was_out_of_date);
+        if !self.defers
+            && let Some(search) = self.search()
+        {
+            self.accept(search.run());
         }
     }
+
+    /// Leaves searches for units at fault to the program: see [`Session::search`]. Otherwise [`Session::solve`] makes them, so that the
+    /// answers depend on nothing but the readings.
+    #[must_use]
+    pub fn deferring(self) -> Self {
+        Session { defers: true, ..self }
+    }
+
+    /// Returns a search for units at fault, if one is due, and none until its result is [accepted](Session::accept).
+    pub fn search(&mut self) -> Option<FaultSearch> {
+        if !std::mem::take(&mut self.is_due) || self.is_searched {
+            return None;
+        }
+        self.is_searched = true;
+        let contacts = self.contacts.drain(..).collect();
+        Some(FaultSearch::new(self.fits.clone(), std::mem::take(&mut self.evidence), contacts))
+    }
+
+    /// Applies the result of a search of this session.
+    pub fn accept(&mut self, searched: SearchedFaults) {
+        if !std::mem::take(&mut self.is_searched) {
+            return; // it was begun before a restart
+        }
+        self.evidence = searched.evidence;
+        self.changes.extend(searched.changes);
+        if let Some((broke, reduced)) = searched.found {
+            (self.broke, self.reduced) = (broke, reduced);
+            self.partial.clear();
+            // the units were the reason
+            self.chart = MisfitChart::new(self.model().setting().false_alarms);
+            self.is_out_of_date = false;
+        }
+    }
+
+    /// Returns the units that broke in this session and are left out.
+    pub fn at_fault(&self) -> Vec<FaultyUnit> {
+        let mut at_fault: Vec<FaultyUnit> = Vec::new();
+        for change in &self.changes {
+            match *change {
+                FaultChange::LeftOut(faulty) => at_fault.push(faulty),
+                FaultChange::Back(unit) => at_fault.retain(|faulty| faulty.unit != unit),
+                FaultChange::Unfit => {}
+            }
+        }
+        at_fault
+    }
+
+    /// Returns the changes of the units that are left out, from the first one.
+    pub fn changes(&self) -> &[FaultChange] {
+        &self.changes
+    }
+}
+
+/// Whether a reading has hardly changed.
+fn is_nearly(last: &[f64], outputs: &[f64]) -> bool {
+    let square = |value: f64| value * value;
+    let length = |row: &[f64]| row.iter().map(|output| square(*output)).sum::<f64>();
+    let change: f64 = last.iter().zip(outputs).map(|(last, output)| square(output - last)).sum();
+    !last.is_empty() && change <= CHANGED * CHANGED * length(last).max(length(outputs))
 }
 
 /// Whether x, y or the force alone shows that two solutions don't belong to one contact. Most readings of other contacts end

@@ -41,15 +41,15 @@ impl Starts {
     }
 
     /// Fills `workspace.starts` with the places whose directions are closest to the reading's, the closest first. It takes the
-    /// top of each peak, at most [`MOST_STARTS`]. If one unit is excluded, it takes only the closest place.
-    pub(crate) fn seek(&self, outputs: &[f64], without: Option<usize>, workspace: &mut Workspace) {
+    /// top of each peak, at most [`MOST_STARTS`]. If units are excluded, it takes only the closest place.
+    pub(crate) fn seek(&self, outputs: &[f64], without: &[usize], workspace: &mut Workspace) {
         let Workspace { row: direction, scratch, starts, .. } = workspace;
         starts.clear();
         direction.clear();
         direction.extend(outputs.iter().zip(&self.sd).map(|(output, sd)| output / sd));
-        if let Some(unit) = without {
-            direction[unit] = 0.0;
-            starts.extend(self.nearest_without(direction, unit).map(|place| (1.0, place)));
+        if !without.is_empty() {
+            without.iter().for_each(|&unit| direction[unit] = 0.0);
+            starts.extend(self.nearest_without(direction, without).map(|place| (1.0, place)));
             return;
         }
         if self.common_offset {
@@ -76,12 +76,13 @@ impl Starts {
         (last.x_mm - first.x_mm).max(last.y_mm - first.y_mm) / (STARTS_A_SIDE - 1) as f64
     }
 
-    /// Returns the nearest place for rows without a unit, which no longer have length 1. This case is rare, so the rows are
+    /// Returns the nearest place for rows without some units, which no longer have length 1. This case is rare, so the rows are
     /// compared one by one.
-    fn nearest_without(&self, direction: &[f64], unit: usize) -> Option<Place> {
+    fn nearest_without(&self, direction: &[f64], without: &[usize]) -> Option<Place> {
         let cosine = |row: &[f64]| {
             let along: f64 = direction.iter().zip(row).map(|(a, b)| a * b).sum();
-            along / (1.0 - row[unit] * row[unit]).max(f64::EPSILON).sqrt()
+            let left = 1.0 - without.iter().map(|&unit| row[unit] * row[unit]).sum::<f64>();
+            along / left.max(f64::EPSILON).sqrt()
         };
         let scored = self.places.iter().enumerate().map(|(i, place)| (cosine(self.directions.row(i)), place));
         scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(cosine, _)| *cosine > 0.0).map(|(_, place)| *place)

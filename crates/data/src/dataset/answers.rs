@@ -3,8 +3,10 @@
 use super::readings::{LineContent, Reading, ReadingError, Readings};
 use miette::Diagnostic;
 use palpate_solver::vector::{VectorSession, VectorSolution};
-use palpate_solver::{Broken, HistorySession, Session, Solution, Unanswered};
+use palpate_solver::{FaultChange, FaultyUnit, HistorySession, SearchedFaults, Session, Solution, Unanswered};
 use serde_json::Value;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::thread;
 
 /// Answers one line after another.
 pub struct Answers<S: ReadingSolver = Session> {
@@ -26,9 +28,14 @@ pub trait ReadingSolver {
     /// The reading has no answer.
     fn solve(&mut self, reading: &Reading) -> Result<Self::Solution, Unanswered>;
 
-    /// Units that are excluded, in the order in which they were found.
-    fn broken(&self) -> &[Broken] {
+    /// Changes of the units that are left out, from the first one.
+    fn changes(&self) -> &[FaultChange] {
         &[]
+    }
+
+    /// Units that broke since the calibration, and are left out.
+    fn at_fault(&self) -> Vec<FaultyUnit> {
+        Vec::new()
     }
 
     /// Whether the sensor should be calibrated again.
@@ -44,12 +51,79 @@ impl ReadingSolver for Session {
         Session::solve(self, &reading.outputs)
     }
 
-    fn broken(&self) -> &[Broken] {
-        Session::broken(self)
+    fn changes(&self) -> &[FaultChange] {
+        Session::changes(self)
+    }
+
+    fn at_fault(&self) -> Vec<FaultyUnit> {
+        Session::at_fault(self)
     }
 
     fn is_out_of_date(&self) -> bool {
         Session::is_out_of_date(self)
+    }
+}
+
+/// A session whose searches for units at fault run in a thread of their own, so that no answer waits for one.
+pub struct SearchingApart {
+    session: Session,
+    /// Receives the result of the search that runs.
+    search: Option<Receiver<SearchedFaults>>,
+}
+
+impl SearchingApart {
+    /// Leaves the searches of a session to threads.
+    pub fn new(session: Session) -> Self {
+        SearchingApart { session: session.deferring(), search: None }
+    }
+
+    /// Returns the session.
+    pub fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// Solves the next reading; a missing output is NaN.
+    ///
+    /// # Errors
+    /// The reading has no answer.
+    pub fn solve(&mut self, outputs: &[f64]) -> Result<Solution, Unanswered> {
+        let solved = self.session.solve(outputs);
+        match self.search.as_ref().map(Receiver::try_recv) {
+            Some(Ok(searched)) => {
+                self.session.accept(searched);
+                self.search = None;
+            }
+            Some(Err(TryRecvError::Empty)) => return solved,
+            // a search that failed isn't repeated
+            Some(Err(TryRecvError::Disconnected)) | None => {}
+        }
+        if let Some(search) = self.session.search() {
+            let (sender, receiver) = channel();
+            // a session that has ended needs no result, and one without a thread goes on without searches
+            _ = thread::Builder::new().spawn(move || _ = sender.send(search.run()));
+            self.search = Some(receiver);
+        }
+        solved
+    }
+}
+
+impl ReadingSolver for SearchingApart {
+    type Solution = Solution;
+
+    fn solve(&mut self, reading: &Reading) -> Result<Solution, Unanswered> {
+        SearchingApart::solve(self, &reading.outputs)
+    }
+
+    fn changes(&self) -> &[FaultChange] {
+        self.session.changes()
+    }
+
+    fn at_fault(&self) -> Vec<FaultyUnit> {
+        self.session.at_fault()
+    }
+
+    fn is_out_of_date(&self) -> bool {
+        self.session.is_out_of_date()
     }
 }
 
@@ -80,8 +154,10 @@ pub struct LineAnswer<'a, T = Solution> {
     pub reading: &'a Reading,
     /// The contact, or the reason why there is none.
     pub solved: Result<T, UnansweredLine>,
-    /// Units that are excluded from the next line on.
-    pub broken: &'a [Broken],
+    /// Units that broke, and without which the line was solved.
+    pub at_fault: Vec<FaultyUnit>,
+    /// Changes of these units that count from the next line on.
+    pub changes: &'a [FaultChange],
     /// Whether this reading shows that the sensor should be calibrated again. Stated once.
     pub is_out_of_date: bool,
 }
@@ -114,14 +190,15 @@ impl<S: ReadingSolver> Answers<S> {
     /// # Errors
     /// The header is invalid, so no further line has an answer.
     pub fn answer(&mut self, line: &[u8]) -> Result<Option<LineAnswer<'_, S::Solution>>, ReadingError> {
-        let (known, was_out_of_date) = (self.session.broken().len(), self.session.is_out_of_date());
+        let (known, was_out_of_date) = (self.session.changes().len(), self.session.is_out_of_date());
+        let at_fault = self.session.at_fault();
         let solved = match self.readings.read(line)? {
             LineContent::Nothing => return Ok(None),
             LineContent::Bad(error) => Err(UnansweredLine::Bad(error)),
             LineContent::Reading => self.session.solve(self.readings.reading()).map_err(UnansweredLine::from),
         };
-        let broken = &self.session.broken()[known..];
+        let changes = &self.session.changes()[known..];
         let is_out_of_date = self.session.is_out_of_date() && !was_out_of_date;
-        Ok(Some(LineAnswer { reading: self.readings.reading(), solved, broken, is_out_of_date }))
+        Ok(Some(LineAnswer { reading: self.readings.reading(), solved, at_fault, changes, is_out_of_date }))
     }
 }

@@ -1,0 +1,165 @@
+//! What a reading should be by its model, with some of its outputs left out.
+
+use super::fitted::Answering;
+use super::forward::Forward;
+use super::nearest::NearestPresses;
+use super::{Model, Workspace};
+use palpate_core::parallel::lock;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+
+/// What a model predicts of a reading, from the outputs that count.
+pub(super) struct Prediction {
+    /// Logarithm of the misfit of the outputs that count.
+    pub log_misfit: f64,
+    /// Predicted outputs, also of the units that don't count.
+    pub outputs: Vec<f64>,
+    /// Standard deviation of each output from its prediction.
+    pub sd: Vec<f64>,
+    /// Standard deviation of each output without a contact.
+    pub quiet_sd: Vec<f64>,
+}
+
+/// Readings of good contacts, by the map that the model inverts. A method without such a map is represented by its presses. Units are
+/// those that the model uses, in its order.
+pub(super) struct Expectation {
+    model: Arc<Model>,
+    presses: Option<NearestPresses>,
+    /// Typical size of each output.
+    scales: Vec<f64>,
+    /// Misfits of held-out presses, without these units.
+    held_out: Mutex<BTreeMap<Vec<usize>, Arc<HeldOutMisfits>>>,
+}
+
+/// Misfits of good contacts.
+#[derive(Clone, Copy)]
+pub(super) struct UsualMisfit {
+    /// Median of the logarithm.
+    typical: Option<f64>,
+    /// Mean and standard deviation of the logarithm as it is compared.
+    mean: f64,
+    pub sd: f64,
+    /// Standard deviation of its decrease, compared with the misfit of more units.
+    pub gain_sd: f64,
+}
+
+/// Distance from which two readings of length 1 aren't alike.
+const ALIKE: f32 = 0.1;
+/// Misfits of held-out presses.
+struct HeldOutMisfits {
+    /// Median of their logarithms.
+    typical: f64,
+    relative: Vec<f64>,
+}
+
+impl UsualMisfit {
+    /// Returns the logarithm of a misfit, compared with those of good contacts, whose mean is 0 then.
+    pub(crate) fn compared(&self, log_misfit: f64) -> f64 {
+        self.typical.map_or(log_misfit, |typical| relative(log_misfit, typical)) - self.mean
+    }
+}
+
+/// Returns the logarithm of 1 plus a misfit divided by a typical one, because how small a misfit is shows nothing.
+fn relative(log_misfit: f64, typical: f64) -> f64 {
+    (log_misfit - typical).exp().ln_1p()
+}
+
+/// Largest number of sets of units whose held-out misfits are kept.
+const MOST_SETS: usize = 2000;
+
+impl Expectation {
+    /// Returns the expectation of a model; `None` if it has neither a map nor presses.
+    pub(crate) fn of(model: Arc<Model>) -> Option<Self> {
+        let presses = match map_of(&model) {
+            Some(_) => None,
+            None => {
+                let calibration = model.calibration()?.of_units(&model.fitted().kept());
+                Some(NearestPresses::of(&calibration, model.setting().load)?)
+            }
+        };
+        let scales = match (&presses, map_of(&model)) {
+            (None, Some(map)) => map.loudest.clone(),
+            (presses, _) => presses.as_ref()?.sizes(),
+        };
+        let scales = scales.into_iter().map(|scale| scale.max(f64::MIN_POSITIVE)).collect();
+        Some(Expectation { model, presses, scales, held_out: Mutex::default() })
+    }
+
+    /// Returns what the model predicts of a reading, of which some units don't count. `None` if nothing explains any of it.
+    pub(crate) fn predict(&self, outputs: &[f64], without: &[usize], workspace: &mut Workspace) -> Option<Prediction> {
+        match (&self.presses, map_of(&self.model)) {
+            (Some(presses), _) => Some(presses.predict(outputs, without)),
+            (None, map) => map?.predict(outputs, without, workspace),
+        }
+        .filter(|prediction| prediction.log_misfit.is_finite())
+    }
+
+    /// Typical size of each output.
+    pub(crate) fn scales(&self) -> &[f64] {
+        &self.scales
+    }
+
+    /// Whether two readings in typical sizes are nearly the same without some units, as those of contacts at one place are. Their sizes
+    /// count only if the model is one of several loads.
+    pub(crate) fn is_alike(&self, one: &[f32], other: &[f32], without: &[usize]) -> bool {
+        let product = |a: &[f32], b: &[f32]| -> f32 {
+            a.iter().zip(b).enumerate().filter(|(unit, _)| !without.contains(unit)).map(|(_, (a, b))| a * b).sum()
+        };
+        let (one_square, other_square, between) = (product(one, one), product(other, other), product(one, other));
+        if self.presses.as_ref().is_none_or(NearestPresses::is_scaled) {
+            let lengths = (one_square * other_square).sqrt();
+            // the square of the distance of two directions is twice 1 minus their cosine
+            return 2.0 * (lengths - between) < ALIKE * ALIKE * lengths;
+        }
+        one_square + other_square - 2.0 * between < ALIKE * ALIKE * one_square.max(other_square)
+    }
+
+    /// Returns the misfits of good contacts without some units, compared with those without fewer units.
+    pub(crate) fn usual(&self, without: &[usize], fewer: &[usize]) -> UsualMisfit {
+        let Some(presses) = &self.presses else {
+            let free = self.model.fitted().kept().len().saturating_sub(without.len() + 3).max(1) as f64;
+            let (sd, fewer) = ((2.0 / free).sqrt(), without.len().abs_diff(fewer.len()));
+            return UsualMisfit { typical: None, mean: 0.0, sd, gain_sd: fewer as f64 * sd / free.sqrt() };
+        };
+        let [misfits, others] = [without, fewer].map(|units| self.held_out(presses, units));
+        let (mean, sd) = mean_and_sd(misfits.relative.iter().copied());
+        let (_, gain_sd) =
+            mean_and_sd(others.relative.iter().zip(&misfits.relative).map(|(other, misfit)| other - misfit));
+        UsualMisfit { typical: Some(misfits.typical), mean, sd, gain_sd }
+    }
+
+    fn held_out(&self, presses: &NearestPresses, without: &[usize]) -> Arc<HeldOutMisfits> {
+        if let Some(known) = lock(&self.held_out).get(without) {
+            return known.clone();
+        }
+        let mut misfits = presses.held_out(without);
+        let middle = misfits.len() / 2;
+        let typical = *misfits.clone().select_nth_unstable_by(middle, f64::total_cmp).1;
+        misfits.iter_mut().for_each(|misfit| *misfit = relative(*misfit, typical));
+        let found = Arc::new(HeldOutMisfits { typical, relative: misfits });
+        let mut held_out = lock(&self.held_out);
+        if held_out.len() >= MOST_SETS {
+            held_out.clear();
+        }
+        held_out.insert(without.to_vec(), found.clone());
+        found
+    }
+}
+
+fn map_of(model: &Model) -> Option<&Forward> {
+    let answering = match model.fitted().answering() {
+        Answering::ByLoad(by_load) => &by_load.any,
+        other => other,
+    };
+    match answering {
+        Answering::Forward(forward) => Some(forward),
+        Answering::Appraised(_) | Answering::ByLoad(_) => None,
+    }
+}
+
+/// Returns the mean and the standard deviation of some numbers.
+pub(super) fn mean_and_sd(numbers: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
+    let count = numbers.clone().count().max(1) as f64;
+    let mean = numbers.clone().sum::<f64>() / count;
+    (mean, (numbers.map(|number| (number - mean).powi(2)).sum::<f64>() / count).sqrt())
+}
