@@ -191,6 +191,26 @@ fn a_search_changes_nothing_until_it_is_accepted() {
         }
     }
     assert_eq!((apart.at_fault().len(), never.at_fault().len()), (1, 0));
+    // the result of a search from before a restart says nothing about the readings after it
+    let mut restarted = Session::sharing(skin.fits.clone()).deferring();
+    let mut earlier = None;
+    for (_, _, outputs) in skin.contacts.iter().cycle() {
+        let mut outputs = outputs.clone();
+        outputs[4] = 0.0;
+        restarted.solve(&outputs).unwrap();
+        match (restarted.search(), earlier.take()) {
+            (Some(search), None) => {
+                earlier = Some(search.run());
+                restarted.restart();
+            }
+            (Some(_), Some(result)) => {
+                restarted.accept(result);
+                assert!(restarted.search().is_none(), "the search after the restart isn't over");
+                break;
+            }
+            (None, kept) => earlier = kept,
+        }
+    }
 }
 
 #[test]

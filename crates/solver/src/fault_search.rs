@@ -17,10 +17,13 @@ pub struct FaultSearch {
     evidence: FaultEvidence,
     /// Outputs of the contacts, of all units.
     contacts: Vec<Vec<f64>>,
+    /// Number of restarts of the session before.
+    restarts: u64,
 }
 
 /// Result of a search.
 pub struct SearchedFaults {
+    pub(super) restarts: u64,
     pub(super) evidence: FaultEvidence,
     /// Units that are left out, and the method without them, if they changed.
     pub(super) found: Option<(Vec<Broken>, Option<Arc<Fitted>>)>,
@@ -98,16 +101,18 @@ const EXPLAINED: f64 = 0.5;
 const WORKS_SD: f64 = 0.5;
 
 impl FaultSearch {
-    pub(super) fn new(fits: Arc<Fits>, evidence: FaultEvidence, contacts: Vec<Vec<f64>>) -> Self {
-        FaultSearch { fits, evidence, contacts }
+    pub(super) fn new(fits: Arc<Fits>, evidence: FaultEvidence, contacts: Vec<Vec<f64>>, restarts: u64) -> Self {
+        FaultSearch { fits, evidence, contacts, restarts }
     }
 
     /// Searches. The result is for [`Session::accept`](super::Session::accept).
     pub fn run(self) -> SearchedFaults {
-        let FaultSearch { fits, mut evidence, contacts } = self;
+        let FaultSearch { fits, mut evidence, contacts, restarts } = self;
         let (mut changes, mut found, mut workspace) = (Vec::new(), None, Workspace::default());
         let _alone = lock(&fits.searching);
-        let Some(expectation) = fits.expectation() else { return SearchedFaults { evidence, found, changes } };
+        let Some(expectation) = fits.expectation() else {
+            return SearchedFaults { restarts, evidence, found, changes };
+        };
         let kept = fits.model().fitted().kept();
         for contact in contacts {
             let outputs: Vec<f64> = kept.iter().map(|&unit| contact[unit]).collect();
@@ -132,7 +137,7 @@ impl FaultSearch {
                 _ => evidence.contacts.clear(),
             }
         }
-        SearchedFaults { evidence, found, changes }
+        SearchedFaults { restarts, evidence, found, changes }
     }
 }
 
@@ -179,7 +184,9 @@ impl FaultEvidence {
         let mut felt: Vec<usize> = candidates.iter().copied().filter(|&unit| is_felt(unit, &expected)).collect();
         let used = candidates.len();
         candidates.sort_by(|&a, &b| deviation(b).total_cmp(&deviation(a)).then(a.cmp(&b)));
-        candidates.truncate(if used > UNITS_LEAST { CANDIDATES_MOST } else { 0 });
+        // a misfit as small as that of most held-out presses leaves nothing to explain
+        let is_suspicious = used > UNITS_LEAST && misfit > 0.0;
+        candidates.truncate(if is_suspicious { CANDIDATES_MOST } else { 0 });
         let mut tried: Vec<(Vec<usize>, f64)> = Vec::new();
         for &unit in &candidates {
             let Some((misfit, prediction)) = compared(&[unit]) else { continue };
@@ -216,21 +223,14 @@ impl FaultEvidence {
 
     /// Returns the units to leave out or to use again, if the contacts so far are sufficient.
     fn decide(&self, expectation: &Expectation, units: usize) -> Option<Decision> {
-        // gains of each set of units when it was last tried
-        let mut gains: BTreeMap<&Vec<usize>, (f64, usize)> = BTreeMap::new();
-        for contact in self.contacts.iter().rev() {
-            for (suspect, misfit) in &contact.tried {
-                let (sum, count) = gains.entry(suspect).or_default();
-                if *count < CONTACTS_MOST {
-                    (*sum, *count) = (*sum + contact.misfit - misfit, *count + 1);
-                }
-            }
-        }
-        let suspects: BTreeSet<&Vec<usize>> = gains.keys().copied().collect();
-        let sufficient = gains.into_iter().filter_map(|(suspect, (sum, count))| {
+        let tried = self.contacts.iter().flat_map(|contact| contact.tried.iter().map(|(suspect, _)| suspect));
+        let suspects: BTreeSet<&Vec<usize>> = tried.collect();
+        let sufficient = suspects.iter().filter_map(|&suspect| {
             // most end here, without a comparison with all others
-            let least = GAIN_SD * expectation.usual(&with(&self.left_out, suspect), &self.left_out).gain_sd;
-            let is_enough = sum >= least * count as f64;
+            let felt = self.contacts.iter().rev().filter(|contact| contact.is_felt_by(suspect)).take(CONTACTS_MOST);
+            let (gain, _) = mean_and_sd(felt.map(|contact| contact.misfit - contact.without(suspect)));
+            let usual = expectation.usual(&with(&self.left_out, suspect), &self.left_out);
+            let is_enough = gain >= GAIN_SD * usual.gain_sd;
             Some((suspect, is_enough.then(|| self.log_odds(expectation, suspect, &suspects, units))??))
         });
         if let Some((suspect, log_odds)) = sufficient.max_by(|a, b| a.1.total_cmp(&b.1)) {
@@ -264,10 +264,12 @@ impl FaultEvidence {
         if contacts.len() < CONTACTS_LEAST {
             return None;
         }
-        let rest: f64 = contacts.iter().map(|contact| contact.without(suspect)).sum::<f64>() / contacts.len() as f64;
+        let own: Vec<f64> = contacts.iter().map(|contact| contact.without(suspect)).collect();
+        let rest = own.iter().sum::<f64>() / own.len() as f64;
         let sigmas = |other: &[usize]| {
-            let differences = contacts.iter().map(|contact| contact.without(other) - contact.without(suspect));
-            let (mean, sd) = mean_and_sd(differences);
+            let difference = |(contact, own): (&&TriedContact, &f64)| contact.without(other) - own;
+            let differences: Vec<f64> = contacts.iter().zip(&own).map(difference).collect();
+            let (mean, sd) = mean_and_sd(differences.iter().copied());
             (mean, mean / sd.max(usual.gain_sd) * (contacts.len() as f64).sqrt())
         };
         let (gain, gain_sigmas) = sigmas(&[]);

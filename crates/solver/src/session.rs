@@ -39,6 +39,8 @@ pub struct Session {
     defers: bool,
     is_due: bool,
     is_searched: bool,
+    /// Number of restarts, which shows the result of an earlier search.
+    restarts: u64,
     /// Last contact that counted.
     last: Option<Solution>,
     /// Last reading that was kept.
@@ -124,6 +126,7 @@ impl Session {
             defers: false,
             is_due: false,
             is_searched: false,
+            restarts: 0,
             chart: MisfitChart::new(fits.model().setting().false_alarms),
             fits,
             broke: Vec::new(),
@@ -149,7 +152,8 @@ impl Session {
     /// Forgets all readings, so that the next answers are those of a new session.
     pub fn restart(&mut self) {
         let workspace = Workspace { other_loads: 0.0, ..std::mem::take(&mut self.workspace) };
-        *self = Session { workspace, defers: self.defers, ..Session::sharing(self.fits.clone()) };
+        let (defers, restarts) = (self.defers, self.restarts + 1);
+        *self = Session { workspace, defers, restarts, ..Session::sharing(self.fits.clone()) };
     }
 
     /// The method, without the units that broke.
@@ -243,12 +247,12 @@ impl Session {
         }
         self.is_searched = true;
         let contacts = self.contacts.drain(..).collect();
-        Some(FaultSearch::new(self.fits.clone(), std::mem::take(&mut self.evidence), contacts))
+        Some(FaultSearch::new(self.fits.clone(), std::mem::take(&mut self.evidence), contacts, self.restarts))
     }
 
     /// Applies the result of a search of this session.
     pub fn accept(&mut self, searched: SearchedFaults) {
-        if !std::mem::take(&mut self.is_searched) {
+        if searched.restarts != self.restarts || !std::mem::take(&mut self.is_searched) {
             return; // it was begun before a restart
         }
         self.evidence = searched.evidence;
