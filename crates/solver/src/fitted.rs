@@ -4,6 +4,7 @@ use super::appraised::Appraised;
 use super::by_load::{ByLoad, Lengths, LoadGain};
 use super::forward::Forward;
 use super::pearson::check;
+use super::rescaled::Rescaled;
 use super::solution::SolvedDepth;
 use super::{
     Broken, Calibration, ContactVerdict, Covariance, DepthCurve, HalfWidths, Solution, SolveError, Solver, Workspace,
@@ -37,12 +38,36 @@ pub(super) enum Answering {
     ByLoad(ByLoad),
 }
 
+/// Largest number of presses on which the half-widths of two fits are compared.
+const MOST_COMPARED: usize = 50;
+
 impl Answering {
     pub(super) fn solver(&self) -> &dyn Solver {
         match self {
             Answering::Forward(forward) => &**forward,
             Answering::Appraised(appraised) => &**appraised,
             Answering::ByLoad(by_load) => by_load,
+        }
+    }
+
+    /// Multiplies the half-widths and the limits of a misfit.
+    pub(super) fn rescale(&mut self, rescaled: &Rescaled) {
+        match self {
+            Answering::Forward(forward) => forward.rescale(rescaled),
+            Answering::Appraised(appraised) => appraised.rescale(rescaled),
+            Answering::ByLoad(by_load) => by_load.rescale(rescaled),
+        }
+    }
+
+    /// Part of a solution's stated variance of location that is due to the map's error.
+    fn of_map(&self, outputs: &[f64], solution: &Solution, workspace: &mut Workspace) -> f64 {
+        match self {
+            Answering::Forward(forward) => forward.of_map_stated(outputs, workspace),
+            Answering::Appraised(appraised) => appraised.of_map(solution.force_n),
+            Answering::ByLoad(by_load) if solution.is_calibrated_load => {
+                by_load.calibrated.of_map(outputs, solution, workspace)
+            }
+            Answering::ByLoad(by_load) => by_load.any.of_map(outputs, solution, workspace),
         }
     }
 
@@ -161,14 +186,44 @@ impl Fitted {
         self
     }
 
+    /// Part of a solution's stated variance of location that is due to the map's error, 0 to 1.
+    pub(super) fn of_map(&self, outputs: &[f64], solution: &Solution, workspace: &mut Workspace) -> f64 {
+        let row: Vec<f64> = self.kept().into_iter().map(|unit| outputs[unit]).collect();
+        self.solver.of_map(&row, solution, workspace)
+    }
+
+    /// Returns the same method with other half-widths and limits of a misfit.
+    pub(super) fn rescaled(mut self, rescaled: &Rescaled) -> Self {
+        self.solver.rescale(rescaled);
+        self
+    }
+
     /// Multiplies the stated errors of location and of force, in addition to earlier factors.
-    pub(super) fn widen(&mut self, location: f64, force: f64) {
+    fn widen(&mut self, location: f64, force: f64) {
         self.widened = [self.widened[0] * location, self.widened[1] * force];
     }
 
     /// Returns the same fit with another fit's factors for the stated errors.
     pub(super) fn widened_as(self, other: &Fitted) -> Self {
         Fitted { widened: other.widened, ..self }
+    }
+
+    /// Returns the same fit, whose half-widths on some presses are at least those of another fit, which may have learned them from
+    /// other presses.
+    pub(super) fn as_wide_as(mut self, other: &Fitted, presses: &Calibration) -> Self {
+        let mut workspace = Workspace::default();
+        let mut half_widths =
+            |of: &Fitted, press: usize| of.solve(presses.point(press).outputs, &mut workspace).ok()?.half_widths;
+        let some = (0..presses.len()).step_by(presses.len().div_ceil(MOST_COMPARED));
+        let both = some.filter_map(|press| Some((half_widths(other, press)?, half_widths(&self, press)?)));
+        let (mut location, mut force): (Vec<f64>, Vec<f64>) =
+            both.map(|(other, own)| (other.half68_mm / own.half68_mm, other.half68_n / own.half68_n)).unzip();
+        let median = |ratios: &mut Vec<f64>| {
+            ratios.sort_by(f64::total_cmp);
+            ratios.get(ratios.len() / 2).map_or(1.0, |ratio| ratio.max(1.0))
+        };
+        self.widen(median(&mut location), median(&mut force));
+        self
     }
 
     /// Returns the factor of the stated errors of a contact that doesn't have the load of the calibration. The pattern of a skin may
