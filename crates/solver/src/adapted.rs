@@ -113,24 +113,6 @@ impl Adapted {
     pub fn beats_mean_place(&self) -> bool {
         self.held_out().location_mm < self.mean_place_mm
     }
-
-    /// Returns all.
-    #[allow(missing_docs, clippy::all)]
-    pub fn all(
-        name: &str,
-        old: &Calibration,
-        new: &Calibration,
-        setting: &Setting<'_>,
-    ) -> Result<(Update, Vec<(Update, MeanErrors, Model, Vec<Option<f64>>)>), AdaptError> {
-        let session = NewSession::new(name, old, new, setting)?;
-        let trials = session.trials();
-        let best = best(&trials).update;
-        let mut all = Vec::new();
-        for tried in &trials {
-            all.push((tried.update, tried.mean(), session.model(tried)?.0, tried.location_mm().map(Some).collect()));
-        }
-        Ok((best, all))
-    }
 }
 
 /// New presses, and the old calibration that they update.
@@ -158,6 +140,9 @@ struct UpdateTrials {
     /// Distance of each press from the mean place, mm.
     from_mean_mm: Vec<f64>,
 }
+
+/// Answers to the presses of a part, unless no method can be fitted to the others.
+type HeldAnswers = Result<Vec<Option<HeldAnswer>>, FitError>;
 
 impl<'a> NewSession<'a> {
     fn new(name: &'a str, old: &'a Calibration, new: &'a Calibration, setting: &Setting<'a>) -> Result<Self, FitError> {
@@ -220,8 +205,8 @@ impl<'a> NewSession<'a> {
         let of_update = |update| (0..self.parts).map(move |part| (update, part));
         let jobs: Vec<(Update, usize)> = self.updates().flat_map(of_update).collect();
         let tried = in_parallel(&jobs, |&(update, part)| self.without(part, update));
-        let from_mean_mm = self.from_mean_mm();
-        let of = |(update, tried): (Update, &[Result<Vec<Option<HeldAnswer>>, FitError>])| {
+        let from_mean_mm = self.distances_mm();
+        let of = |(update, tried): (Update, &[HeldAnswers])| {
             let mut answers = vec![None; self.new.len()];
             for (part, found) in tried.iter().enumerate() {
                 let presses = self.presses(|of| of == part);
@@ -233,7 +218,7 @@ impl<'a> NewSession<'a> {
     }
 
     /// Returns the answers to the presses of a part by a way that doesn't know them.
-    fn without(&self, part: usize, update: Update) -> Result<Vec<Option<HeldAnswer>>, FitError> {
+    fn without(&self, part: usize, update: Update) -> HeldAnswers {
         let [held, others] = [self.presses(|of| of == part), self.presses(|of| of != part)];
         // all at one place: there is nothing to learn
         if update == Update::Unchanged || others.is_empty() {
@@ -249,7 +234,7 @@ impl<'a> NewSession<'a> {
     }
 
     /// Distance of each new press from their mean place, mm.
-    fn from_mean_mm(&self) -> Vec<f64> {
+    fn distances_mm(&self) -> Vec<f64> {
         let of = |coordinate: fn(Place) -> f64| {
             self.new.points().map(|point| coordinate(point.place)).sum::<f64>() / self.new.len() as f64
         };
@@ -258,7 +243,7 @@ impl<'a> NewSession<'a> {
     }
 
     fn mean_place_mm(&self) -> f64 {
-        self.from_mean_mm().iter().sum::<f64>() / self.new.len() as f64
+        self.distances_mm().iter().sum::<f64>() / self.new.len() as f64
     }
 }
 

@@ -38,9 +38,6 @@ pub(super) enum Answering {
     ByLoad(ByLoad),
 }
 
-/// Largest number of presses on which the half-widths of two fits are compared.
-const MOST_COMPARED: usize = 50;
-
 impl Answering {
     pub(super) fn solver(&self) -> &dyn Solver {
         match self {
@@ -198,32 +195,9 @@ impl Fitted {
         self
     }
 
-    /// Multiplies the stated errors of location and of force, in addition to earlier factors.
-    fn widen(&mut self, location: f64, force: f64) {
-        self.widened = [self.widened[0] * location, self.widened[1] * force];
-    }
-
     /// Returns the same fit with another fit's factors for the stated errors.
     pub(super) fn widened_as(self, other: &Fitted) -> Self {
         Fitted { widened: other.widened, ..self }
-    }
-
-    /// Returns the same fit, whose half-widths on some presses are at least those of another fit, which may have learned them from
-    /// other presses.
-    pub(super) fn as_wide_as(mut self, other: &Fitted, presses: &Calibration) -> Self {
-        let mut workspace = Workspace::default();
-        let mut half_widths =
-            |of: &Fitted, press: usize| of.solve(presses.point(press).outputs, &mut workspace).ok()?.half_widths;
-        let some = (0..presses.len()).step_by(presses.len().div_ceil(MOST_COMPARED));
-        let both = some.filter_map(|press| Some((half_widths(other, press)?, half_widths(&self, press)?)));
-        let (mut location, mut force): (Vec<f64>, Vec<f64>) =
-            both.map(|(other, own)| (other.half68_mm / own.half68_mm, other.half68_n / own.half68_n)).unzip();
-        let median = |ratios: &mut Vec<f64>| {
-            ratios.sort_by(f64::total_cmp);
-            ratios.get(ratios.len() / 2).map_or(1.0, |ratio| ratio.max(1.0))
-        };
-        self.widen(median(&mut location), median(&mut force));
-        self
     }
 
     /// Returns the factor of the stated errors of a contact that doesn't have the load of the calibration. The pattern of a skin may

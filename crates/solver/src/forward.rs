@@ -174,6 +174,8 @@ impl Forward {
         self.limits.without_a_unit *= rescaled.misfit;
         self.limits.inside *= rescaled.misfit;
         self.limits.excess *= rescaled.misfit;
+        // few presses spread over the area know all of it, with the errors that the half-widths state
+        self.limits.known = self.limits.known.max(self.response.largest_leverage());
     }
 
     /// Part of the half-widths' squares that is due to the map's error.

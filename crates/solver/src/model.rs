@@ -170,9 +170,9 @@ impl Model {
     pub(super) fn fit_without(&self, units: &[Broken]) -> Option<Result<Fitted, FitError>> {
         let calibration = self.calibration.clone()?;
         let broken = [self.fitted.broken(), units].concat();
-        let fitted = PreparedCalibration::without(calibration.clone(), &self.setting(), broken)
+        let fitted = PreparedCalibration::without(calibration, &self.setting(), broken)
             .and_then(|prepared| prepared.fit_like(&self.fitted))
-            .map(|fitted| fitted.widened_as(&self.fitted).as_wide_as(&self.fitted, &calibration));
+            .map(|fitted| fitted.widened_as(&self.fitted));
         Some(fitted)
     }
 }
