@@ -98,18 +98,20 @@ fn means(solver: &str, old: &Calibration, draws: u64, draw: impl Fn(u64) -> Draw
     means
 }
 
-fn assert_bars(pair: &str, presses: usize, means: &Means) {
+/// Returns the bars that aren't met.
+fn missed(pair: &str, presses: usize, means: &Means) -> Vec<String> {
     println!("{pair}, {presses} presses: {means:?}");
     let Means { ratio, most, to_old, within_68, within_95, doubted } = *means;
-    assert!(most <= 1.25, "{pair}, {presses}: {means:?}");
-    if presses < 10 {
-        assert!(to_old <= 1.0, "{pair}, {presses}: {means:?}");
-        return;
-    }
-    assert!(ratio <= if presses < 20 { 1.10 } else { 1.05 }, "{pair}, {presses}: {means:?}");
-    assert!((0.60..=0.78).contains(&within_68), "{pair}, {presses}: {means:?}");
-    assert!((0.92..=0.985).contains(&within_95), "{pair}, {presses}: {means:?}");
-    assert!(doubted <= 0.02, "{pair}, {presses}: {means:?}");
+    let bars = [
+        (most <= 1.25, "a draw"),
+        (presses >= 10 || to_old <= 1.0, "worse than the old calibration"),
+        (presses < 10 || ratio <= if presses < 20 { 1.10 } else { 1.05 }, "worse than the better of both"),
+        (presses < 10 || (0.60..=0.78).contains(&within_68), "68 %"),
+        (presses < 10 || (0.92..=0.985).contains(&within_95), "95 %"),
+        (presses < 10 || doubted <= 0.02, "sound contacts flagged"),
+    ];
+    let missed = bars.into_iter().filter(|(is_met, _)| !is_met);
+    missed.map(|(_, bar)| format!("{pair}, {presses} presses, {bar}: {means:?}")).collect()
 }
 
 /// In the quick tier one draw, which shows no coverage.
@@ -121,14 +123,16 @@ fn adapt_is_as_good_as_the_old_calibration_and_as_the_new_presses() {
         assert!(means.ratio <= 0.9, "a correction uses both: {means:?}");
         return;
     }
+    let mut problems = Vec::new();
     for differs in [Differs::Gains, Differs::Pitch, Differs::Layer, Differs::Skin] {
-        let old = calibration(&pressed(&mut differs.sensor(0), grid(21, HALF_MM), 0));
+        let old = calibration(&pressed(&mut differs.sensor(0), grid(13, HALF_MM), 0));
         for presses in [5, 10, 20, 50] {
             let draws = campaign::size(1, 20) as u64;
             let means = means(BEST, &old, draws, |seed| differs.draw(seed, presses));
-            assert_bars(&format!("{differs:?}"), presses, &means);
+            problems.extend(missed(&format!("{differs:?}"), presses, &means));
         }
     }
+    assert!(problems.is_empty(), "{problems:#?}");
 }
 
 /// From presses of one depth to presses at random depths.
@@ -147,6 +151,7 @@ fn adapt_is_as_good_on_a_real_skin_pressed_at_other_depths() {
             rows.iter().map(|(place, force_n, outputs)| CalibrationPoint { place: *place, force_n: *force_n, outputs });
         Calibration::without_forces(&points.collect::<Vec<_>>()).unwrap()
     };
+    let mut problems = Vec::new();
     for presses in [5, 10, 20, 50] {
         let draw = |seed: u64| {
             let mut rng = stream(seed, 3, "contacts");
@@ -156,6 +161,7 @@ fn adapt_is_as_good_on_a_real_skin_pressed_at_other_depths() {
             (relative(&rows(new.clone())), rows(test.collect()))
         };
         let means = means(BEST, &relative(&old), campaign::size(2, 20) as u64, draw);
-        assert_bars("eFlesh", presses, &means);
+        problems.extend(missed("eFlesh", presses, &means));
     }
+    assert!(problems.is_empty(), "{problems:#?}");
 }

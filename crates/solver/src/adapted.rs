@@ -15,7 +15,7 @@ pub struct Adapted {
     /// [`Update::NewAlone`].
     pub change: ArrayChange,
     /// Way in which the method was made: the one with the smallest location error on held-out presses, among those whose error is
-    /// smaller than that of the unchanged calibration by more than chance.
+    /// smaller than that of the unchanged calibration by more than chance; or among all if the unchanged one is useless.
     pub update: Update,
     /// Every way that was tried.
     pub tried: Vec<TriedUpdate>,
@@ -275,10 +275,16 @@ impl UpdateTrials {
     }
 }
 
-/// Returns the way with the smallest error among those that lead the unchanged calibration; the unchanged calibration if none does.
-/// It is the first one, because it always works.
+/// Returns the way with the smallest error among those that lead the unchanged calibration, which is the first one; the unchanged
+/// calibration if none does. If the unchanged calibration is no better than the mean place, every smaller error counts as a lead.
 fn best(trials: &[UpdateTrials]) -> &UpdateTrials {
     let (unchanged, others) = (&trials[0], &trials[1..]);
-    let leading = others.iter().filter(|tried| tried.leads(unchanged));
-    leading.min_by(|a, b| a.mean().location_mm.total_cmp(&b.mean().location_mm)).unwrap_or(unchanged)
+    let location_mm = |tried: &UpdateTrials| tried.mean().location_mm;
+    let is_useless = location_mm(unchanged) * unchanged.answers.len() as f64 >= unchanged.from_mean_mm.iter().sum();
+    let leads = |tried: &&UpdateTrials| match is_useless {
+        true => location_mm(tried) < location_mm(unchanged),
+        false => tried.leads(unchanged),
+    };
+    let leading = others.iter().filter(leads);
+    leading.min_by(|a, b| location_mm(a).total_cmp(&location_mm(b))).unwrap_or(unchanged)
 }

@@ -45,7 +45,7 @@
 //!
 //! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`], a variant of `Method` and an arm in
 //! `prepared`. A [`Model`] is a fit with all data that a session needs. A sensor file stores it. [`Adapted`] makes a model from an
-//! older calibration and a few new presses (`adapt`).
+//! older calibration and a few new presses: changed (`adapt`), corrected (`correction`) or not used at all.
 //! A [`Prior`] makes a model from few presses and the full calibrations of other sensors of the design (`prior`).
 //! A [`HistoryRegression`] solves the force of a series of readings, with memories of earlier ones where they help.
 //! [`vector`] solves place and force along three axes, from presses and drags; [`two`] solves two contacts at once,

@@ -102,7 +102,8 @@ fn within(mut scores: Vec<f64>, share: f64) -> f64 {
     scores[below - 1] + (rank - below as f64) * (scores[below] - scores[below - 1])
 }
 
-/// Returns the value that a further value exceeds with the probability [`BEYOND`], if their logarithms are normal.
+/// Returns the value that a further value exceeds with the probability [`BEYOND`], if their logarithms are normal. It is at least the
+/// largest value, because all are those of sound contacts, and their tail may be longer.
 fn upper_bound(values: &[f64]) -> f64 {
     let logs: Vec<f64> = values.iter().filter(|value| **value > 0.0).map(|value| value.ln()).collect();
     let (count, free) = (logs.len() as f64, logs.len() as f64 - 1.0);
@@ -110,7 +111,8 @@ fn upper_bound(values: &[f64]) -> f64 {
     let variance = logs.iter().map(|log| (log - mean).powi(2)).sum::<f64>() / free;
     let sigmas = StudentsT::new(0.0, 1.0, free).map_or(0.0, |t| t.inverse_cdf(1.0 - BEYOND));
     let bound = (mean + sigmas * (variance * (1.0 + 1.0 / count)).sqrt()).exp();
-    if bound.is_finite() { bound } else { 1.0 }
+    let largest = values.iter().copied().fold(1.0, f64::max);
+    if bound.is_finite() { bound.max(largest) } else { largest }
 }
 
 #[cfg(test)]
