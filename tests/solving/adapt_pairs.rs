@@ -124,7 +124,7 @@ fn adapt_is_as_good_as_the_old_calibration_and_as_the_new_presses() {
         return;
     }
     let mut problems = Vec::new();
-    for differs in [Differs::Gains, Differs::Pitch, Differs::Layer, Differs::Skin] {
+    for differs in [Differs::Skin, Differs::Layer, Differs::Pitch, Differs::Gains] {
         let old = calibration(&pressed(&mut differs.sensor(0), grid(13, HALF_MM), 0));
         for presses in [5, 10, 20, 50] {
             let draws = campaign::size(1, 20) as u64;

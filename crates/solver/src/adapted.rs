@@ -73,7 +73,7 @@ pub(crate) const FEWEST_PRESSES: usize = 5;
 
 /// Largest probability, by Student's t test, that chance alone gives a way its advantage over the unchanged calibration on held-out
 /// presses. Above it the way isn't used.
-const BY_CHANCE: f64 = 0.2;
+const BY_CHANCE: f64 = 0.1;
 
 /// Largest number of parts into which the new presses are divided. One part at a time is held out.
 const MOST_PARTS: usize = 10;
