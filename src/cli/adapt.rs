@@ -8,7 +8,7 @@ use crate::api::fit::note_left_out;
 use crate::api::method::FitSource;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::sensor_file::{SensorFile, check_replaceable};
-use palpate_solver::{Adapted, ArrayChange, Extent, MeanErrors, NewPressErrors, Solver as _};
+use palpate_solver::{Adapted, ArrayChange, MeanErrors, Solver as _, TriedUpdate, Update};
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -18,15 +18,18 @@ Examples:
   palpate adapt --from runs/monday --with runs/tuesday --out sensor.palpate
   palpate adapt --from sensor of the same family.csv --with few.csv --out A-018.palpate
 
-The old presses are corrected to what the sensor would read now: each unit's gain
-and position change where the new presses show a change. Then the method is
-fitted to them. At least 5 new presses are required. Spread them over the
-area, one near each unit if possible.
+The command tries several ways, each on new presses that it doesn't know
+(cross-validated): the old presses with the gains and positions of units changed,
+or corrected by a smooth function of the place; and the new presses alone. It
+prints all errors, and writes the best way, or the old calibration if no way is
+better by more than chance. Half-widths and the limit of a misfit follow from the
+new presses too.
 
-The command prints the changes and two mean errors on the new presses: with the
-old calibration, and with the updated one (cross-validated). Gains and positions
-of single units change only where this lowers the second error by more than
-chance. The file's 68 % half-widths contain 68 % of these errors.";
+At least 5 new presses are required, for new presses alone some 20. Spread them
+over the whole area.
+
+Exit code 1: the mean place of the new presses is as good an answer. Nothing is
+written without `--anyway`.";
 
 /// Update an older calibration, or that of a similar sensor, with a few new presses
 #[derive(Debug, clap::Args)]
@@ -38,6 +41,9 @@ pub(super) struct AdaptArgs {
     /// The new presses: a run folder or a table
     #[arg(long, value_name = "RUN")]
     with: PathBuf,
+    /// Write the file even if the mean place is as good an answer
+    #[arg(long)]
+    anyway: bool,
     #[command(flatten)]
     file: SensorFileArgs,
 }
@@ -65,36 +71,77 @@ pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     note_left_out(&old.path, adapted.model.fitted(), &note);
     let is_relative = old.is_relative || new.is_relative;
     output.text(&text(&adapted, is_relative))?;
-    let NewPressErrors { presses, before, after } = adapted.held_out;
+    let (update, presses, mean_place_mm) = (name(adapted.update), adapted.presses, adapted.mean_place_mm);
+    if !adapted.beats_mean_place() {
+        let problem = format!("the mean place of the new presses is as good an answer: {mean_place_mm:.3} mm");
+        if !args.anyway {
+            let help = "press more places, or use --anyway to write the file";
+            return Err(Failure::not_accepted(miette::miette!(help = help, "{problem}; nothing is written")));
+        }
+        note(&problem);
+    }
     let errors = |errors: MeanErrors| {
         let force_n = (!is_relative).then_some(errors.force_n);
         json!({ "location_mm": errors.location_mm, "force_n": force_n })
     };
-    let (before, after, units) = (errors(before), errors(after), adapted.change.units.clone());
+    let (mean_error, units) = (errors(adapted.held_out()), adapted.change.units.clone());
+    let candidate = |tried: &TriedUpdate| json!({ "update": name(tried.update), "mean_error": errors(tried.held_out) });
+    let candidates: Vec<_> = adapted.tried.iter().map(candidate).collect();
     let made_from = vec![old.fingerprint()?, new.fingerprint()?];
     let file = SensorFile::new(adapted.model, new.sensor, made_from).map_err(Failure::usage)?;
     let (text, file) = write(&file, out)?;
-    let content =
-        json!({ "file": file, "presses": presses, "mean_error_before": before, "mean_error": after, "units": units });
+    let content = json!({
+        "file": file, "presses": presses, "update": update, "mean_error": mean_error, "candidates": candidates,
+        "mean_place_mm": mean_place_mm, "units": units,
+    });
     output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }
 
-/// Describes the change of the sensor, and the errors at the new presses. Without forces, force errors are omitted.
+/// Name of a way in results.
+fn name(update: Update) -> &'static str {
+    match update {
+        Update::Unchanged => "unchanged",
+        Update::CommonGain => "common-gain",
+        Update::Gains => "gains",
+        Update::GainsAndPlaces => "gains-and-places",
+        Update::Corrected => "corrected",
+        Update::NewAlone => "new-alone",
+    }
+}
+
+/// Name of a way in the table.
+fn label(update: Update) -> &'static str {
+    match update {
+        Update::Unchanged => "old calibration, unchanged",
+        Update::CommonGain => "old, common gain changed",
+        Update::Gains => "old, gains changed",
+        Update::GainsAndPlaces => "old, gains and places changed",
+        Update::Corrected => "old, corrected from place to place",
+        Update::NewAlone => "new presses alone",
+    }
+}
+
+/// Describes what each way would give on the new presses, and the change of the sensor. Without forces, force errors are omitted.
 fn text(adapted: &Adapted, is_relative: bool) -> String {
-    let Adapted { change, extent, held_out: NewPressErrors { presses, before, after }, .. } = adapted;
-    let errors = |errors: &MeanErrors| match is_relative {
+    let errors = |errors: MeanErrors| match is_relative {
         true => format!("{:.3} mm", errors.location_mm),
         false => format!("{:.3} mm, {:.4} N", errors.location_mm, errors.force_n),
     };
-    format!(
-        "gains     {}\nplaces    {}\n{presses} new presses, mean error\n  with the old calibration  {}\n  \
-         updated                   {} (cross-validated)\n",
-        gains(change),
-        places(change, *extent),
-        errors(before),
-        errors(after)
-    )
+    let row = |tried: &TriedUpdate| {
+        let written = if tried.update == adapted.update { "  <- chosen" } else { "" };
+        format!("  {:<36}{}{written}\n", label(tried.update), errors(tried.held_out))
+    };
+    let rows: String = adapted.tried.iter().map(row).collect();
+    let mean_place = format!("  {:<36}{:.3} mm\n", "their mean place", adapted.mean_place_mm);
+    let change = match adapted.update {
+        Update::CommonGain | Update::Gains | Update::Corrected => format!("gains     {}\n", gains(&adapted.change)),
+        Update::GainsAndPlaces => {
+            format!("gains     {}\nplaces    {}\n", gains(&adapted.change), places(&adapted.change))
+        }
+        Update::Unchanged | Update::NewAlone => String::new(),
+    };
+    format!("{} new presses, mean error (cross-validated)\n{rows}{mean_place}{change}", adapted.presses)
 }
 
 fn gains(change: &ArrayChange) -> String {
@@ -111,10 +158,7 @@ fn gains(change: &ArrayChange) -> String {
     format!("x {mean:.3} on average; from x {least:.3} (unit {}) to x {most:.3} (unit {})", low + 1, high + 1)
 }
 
-fn places(change: &ArrayChange, extent: Extent) -> String {
-    if extent != Extent::GainsAndPlaces {
-        return "unchanged: moving them would not lower the cross-validated error".to_owned();
-    }
+fn places(change: &ArrayChange) -> String {
     let count = change.units.len() as f64;
     let (x_mm, y_mm) = change.units.iter().fold((0.0, 0.0), |(x, y), unit| (x + unit.x_mm, y + unit.y_mm));
     let farthest = change.units.iter().map(|unit| unit.x_mm.hypot(unit.y_mm)).fold(0.0, f64::max);

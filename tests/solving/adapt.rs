@@ -3,7 +3,7 @@
 use palpate_core::quantity::{ArrayLayout, Place, stream};
 use palpate_sim::scene::{Skin, SkinSpec, Taxels};
 use palpate_solver::{
-    Adapted, Calibration, CalibrationPoint, ContactVerdict, Fitted, Setting, Solver as _, Workspace, fit,
+    Adapted, Calibration, CalibrationPoint, ContactVerdict, Fitted, HalfWidths, Setting, Solver as _, Workspace, fit,
 };
 use palpate_testing::skins::scene_t;
 use palpate_testing::{TestFolder, campaign};
@@ -15,9 +15,9 @@ fn family_sensor(seed: u64) -> Skin {
     Skin::new(&SkinSpec { taxels, ..scene_t() }, &ArrayLayout::grid(3, 3, 4.5), 2.0, seed)
 }
 
-type AdaptRow = (Place, f64, Vec<f64>);
+pub(super) type AdaptRow = (Place, f64, Vec<f64>);
 
-fn pressed(skin: &mut Skin, contacts: impl IntoIterator<Item = (Place, f64)>, seed: u64) -> Vec<AdaptRow> {
+pub(super) fn pressed(skin: &mut Skin, contacts: impl IntoIterator<Item = (Place, f64)>, seed: u64) -> Vec<AdaptRow> {
     let mut rng = stream(seed, 1, "contacts");
     let mut press = |(place, force_n): (Place, f64)| {
         skin.draw_contact(&mut rng);
@@ -28,7 +28,7 @@ fn pressed(skin: &mut Skin, contacts: impl IntoIterator<Item = (Place, f64)>, se
     contacts.into_iter().map(&mut press).collect()
 }
 
-fn calibration(rows: &[AdaptRow]) -> Calibration {
+pub(super) fn calibration(rows: &[AdaptRow]) -> Calibration {
     let points: Vec<CalibrationPoint<'_>> = rows
         .iter()
         .map(|(place, force_n, outputs)| CalibrationPoint { place: *place, force_n: *force_n, outputs })
@@ -36,7 +36,7 @@ fn calibration(rows: &[AdaptRow]) -> Calibration {
     Calibration::new(&points).unwrap()
 }
 
-fn grid(side: usize, half_mm: f64) -> Vec<(Place, f64)> {
+pub(super) fn grid(side: usize, half_mm: f64) -> Vec<(Place, f64)> {
     let at = |i: usize| -half_mm + 2.0 * half_mm * i as f64 / (side - 1) as f64;
     (0..side * side).map(|i| (Place::new(at(i % side), at(i / side)), 1.0)).collect()
 }
@@ -58,17 +58,18 @@ fn spread(count: usize) -> Vec<(Place, f64)> {
     (0..count).map(|i| (Place::new(at(i, 0.754_877_666), at(i, 0.569_840_291)), 1.0)).collect()
 }
 
-/// Mean errors, the fraction of single contacts with another verdict, and the fraction of errors within the 68 % half-width.
+/// Mean errors, the fraction of single contacts with another verdict, and the fractions of errors within the half-widths.
 #[derive(Debug, Default)]
-struct Found {
-    location_mm: f64,
+pub(super) struct Found {
+    pub location_mm: f64,
     force_n: f64,
-    doubted: f64,
-    within_68: f64,
+    pub doubted: f64,
+    pub within_68: f64,
+    pub within_95: f64,
 }
 
 impl Found {
-    fn of(fitted: &Fitted, test: &[AdaptRow]) -> Self {
+    pub(super) fn of(fitted: &Fitted, test: &[AdaptRow]) -> Self {
         let (mut workspace, mut found) = (Workspace::default(), Found::default());
         let each = 1.0 / test.len() as f64;
         for (place, force_n, outputs) in test {
@@ -77,8 +78,11 @@ impl Found {
             found.location_mm += each * off_mm;
             found.force_n += each * (solution.force_n - force_n).abs();
             found.doubted += each * f64::from(u8::from(solution.verdict != ContactVerdict::Ok));
-            let half68_mm = solution.half_widths.map_or(f64::INFINITY, |half_widths| half_widths.half68_mm);
-            found.within_68 += each * f64::from(u8::from(off_mm <= half68_mm));
+            let is_within = |most_mm: fn(&HalfWidths) -> f64| {
+                f64::from(u8::from(solution.half_widths.is_none_or(|half| off_mm <= most_mm(&half))))
+            };
+            found.within_68 += each * is_within(|half| half.half68_mm);
+            found.within_95 += each * is_within(|half| half.half95_mm);
         }
         found
     }
@@ -111,7 +115,7 @@ fn found(counts: &[usize], contacts_of: impl Fn(usize) -> Vec<(Place, f64)>) -> 
             let new = calibration(&pressed(&mut skin, contacts_of(*count), seed + 30));
             let adapted = Adapted::new("surrogate", &old, &new, &Setting::default()).unwrap();
             let one = Found::of(adapted.model.fitted(), &test);
-            println!("{seed}, {count}: {:?} {:?} {one:?}", adapted.extent, adapted.held_out);
+            println!("{seed}, {count}: {:?} {:?} {one:?}", adapted.update, adapted.held_out());
             add(after, one);
         }
     }
@@ -159,7 +163,9 @@ fn adapt_writes_a_sensor_file_and_prints_held_out_errors() {
     let bench = TestFolder::with([("old.csv", &*old), ("few.csv", &table(&nine)), ("four.csv", &table(&nine[..4]))]);
     let output = bench.palpate_ends(0, "adapt --from old.csv --with few.csv --solver surrogate --out a.palpate");
     assert!(
-        output.out.starts_with("gains     x ") && output.out.contains("\n9 new presses, mean error\n"),
+        output.out.starts_with("9 new presses, mean error (cross-validated)\n  old calibration, unchanged ")
+            && output.out.contains("  <- chosen\n")
+            && output.out.contains("\ngains     x "),
         "{}",
         output.out
     );
@@ -171,6 +177,18 @@ fn adapt_writes_a_sensor_file_and_prints_held_out_errors() {
     bench.palpate_ends(0, "fit old.csv --solver surrogate --out old.palpate");
     let again = bench.palpate_ends(0, "adapt --from old.palpate --with few.csv --solver surrogate --out a.palpate");
     assert_eq!(again.out, output.out);
+    // places that have nothing to do with the readings
+    let shuffled = nine.iter().zip(nine.iter().rev()).enumerate().map(|(i, (one, other))| {
+        let (place, _, _) = if i % 2 == 0 { one } else { other };
+        (Place::new(-place.y_mm, place.x_mm), one.1, one.2.clone())
+    });
+    bench.write("shuffled.csv", &table(&shuffled.collect::<Vec<_>>()));
+    let command = "adapt --from old.csv --with shuffled.csv --solver surrogate --out b.palpate";
+    let output = bench.palpate_ends(1, command);
+    assert!(output.running().contains("the mean place of the new presses is as good an answer"), "{}", output.err);
+    assert!(!bench.has("b.palpate"));
+    bench.palpate_ends(0, &format!("{command} --anyway"));
+    std::fs::remove_file(bench.path("b.palpate")).unwrap();
     let output = bench.palpate_ends(2, "adapt --from old.csv --with four.csv --out b.palpate");
     assert!(output.running().contains("there are 4 new presses; 5 are required"), "{}", output.err);
     bench.write("two.csv", "x_mm,y_mm,out_1,out_2\n0,0,1,2\n");

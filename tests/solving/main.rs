@@ -3,6 +3,7 @@
 
 mod acceptance;
 mod adapt;
+mod adapt_pairs;
 mod by_load;
 mod causes;
 mod choice;

@@ -160,7 +160,7 @@ fn every_second(table: &Presses) -> impl Fn(Place) -> bool + use<> {
 }
 
 /// The folder with a skin's tables.
-fn data(skin: &str) -> PathBuf {
+pub(super) fn data(skin: &str) -> PathBuf {
     let data = std::env::var_os("PALPATE_DATA").expect("PALPATE_DATA names the folder that has the published tables");
     let folder = Path::new(&data).join(skin);
     assert!(folder.is_dir(), "PALPATE_DATA names a folder without {}", folder.display());
@@ -168,7 +168,7 @@ fn data(skin: &str) -> PathBuf {
 }
 
 /// Each place of a table, and the mean of its outputs over the passes.
-fn mean_of_passes(path: &Path) -> Vec<(Place, Vec<f64>)> {
+pub(super) fn mean_of_passes(path: &Path) -> Vec<(Place, Vec<f64>)> {
     let mut places: BTreeMap<(i64, i64), Vec<_>> = BTreeMap::new();
     for row in read_table(path, &Mapping::default()).unwrap().presses {
         places.entry((row.x_mm.round() as i64, row.y_mm.round() as i64)).or_default().push(row);

@@ -42,23 +42,41 @@ const ROUNDS: usize = 4;
 /// Change of one unit or of all units: relative gain, displacement of the map in x and in y, mm, and relative width.
 pub(super) type Moved = Vector<4>;
 
-/// Properties of an array that are assumed to have changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Extent {
-    /// The gain that all units have in common. Places are solved as before.
+/// Way in which an old calibration and few new presses of the array make a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Update {
+    /// The old calibration is used as it is.
+    Unchanged,
+    /// The gain that all units have in common changes. Places are solved as before.
     CommonGain,
-    /// The gain of each unit.
+    /// The gain of each unit changes.
     Gains,
-    /// The gain and the place of each unit.
+    /// The gain and the place of each unit change.
     GainsAndPlaces,
+    /// A smooth function of the place is added to the old presses, beside a common gain: what the new presses show.
+    Corrected,
+    /// The old calibration isn't used.
+    NewAlone,
 }
 
-impl Extent {
-    /// All extents, the smallest first.
-    pub const ALL: [Extent; 3] = [Extent::CommonGain, Extent::Gains, Extent::GainsAndPlaces];
+impl Update {
+    /// All ways, those that change less first.
+    pub const ALL: [Update; 6] = [
+        Update::Unchanged,
+        Update::CommonGain,
+        Update::Gains,
+        Update::GainsAndPlaces,
+        Update::Corrected,
+        Update::NewAlone,
+    ];
 }
 
 impl ArrayChange {
+    /// Returns no change.
+    pub(super) fn none(units: usize) -> Self {
+        ArrayChange::of(&vec![Moved::ZERO; units])
+    }
+
     pub(super) fn of(moved: &[Moved]) -> Self {
         let unit =
             |moved: &Moved| UnitChange { gain: 1.0 + moved[0], x_mm: -moved[1], y_mm: -moved[2], width: moved[3] };
@@ -99,21 +117,26 @@ impl<'a> Older<'a> {
     /// presses is moved and scaled as far as the new presses make this likely. The result is a mean over all standard deviations
     /// of these changes that are tried. Each is weighted by its marginal likelihood (Rasmussen and Williams 2006, equation 2.30,
     /// of a linear model with three weights per unit).
-    pub(crate) fn change(&self, new: &Calibration, extent: Extent) -> ArrayChange {
-        let forces_are_known = self.calibration.forces_are_known() && new.forces_are_known();
-        let fit = Fit { map: &self.map, new, forces_are_known };
+    pub(crate) fn change(&self, new: &Calibration, update: Update) -> ArrayChange {
+        let fit = self.fit(new);
         let all: Vec<usize> = (0..new.units()).collect();
         let side_mm = self.map.response.field.area().side_mm();
         let places =
-            if extent == Extent::GainsAndPlaces { MOVES.map(|place| place * side_mm).to_vec() } else { vec![0.0] };
+            if update == Update::GainsAndPlaces { MOVES.map(|place| place * side_mm).to_vec() } else { vec![0.0] };
         // without forces nothing shows a common gain
-        let common_gains = if forces_are_known { &GAINS[..] } else { &[0.0] };
-        let own_gains = if extent == Extent::CommonGain { &[0.0] } else { &GAINS[..] };
+        let common_gains = if fit.forces_are_known { &GAINS[..] } else { &[0.0] };
+        let own_gains = if matches!(update, Update::CommonGain | Update::Corrected) { &[0.0] } else { &GAINS[..] };
         // first what all have in common, then what each has for itself
         let common = fit.likeliest(std::slice::from_ref(&all), Moved::ZERO, common_gains, &places);
         let each: Vec<Vec<usize>> = all.into_iter().map(|unit| vec![unit]).collect();
         let own = fit.likeliest(&each, common[0], own_gains, &places);
         ArrayChange::of(&own)
+    }
+
+    /// Returns new presses with the map of the old ones.
+    pub(super) fn fit<'b>(&'b self, new: &'b Calibration) -> Fit<'b> {
+        let forces_are_known = self.calibration.forces_are_known() && new.forces_are_known();
+        Fit { map: &self.map, new, forces_are_known }
     }
 
     /// Returns the old calibration as the array would have read it after a change.
@@ -144,6 +167,16 @@ impl AdaptableMap<'_> {
             change.units.iter().enumerate().map(of_unit).collect::<Vec<f64>>()
         };
         calibration.with_outputs(calibration.points().flat_map(row).collect())
+    }
+
+    /// Returns the response to 1 N at a place after a change.
+    pub(super) fn changed_response(&self, place: Place, change: &ArrayChange) -> Vec<f64> {
+        self.response_at(place, |unit| change.units[unit].moved())
+    }
+
+    fn response_at(&self, place: Place, moved: impl Fn(usize) -> Moved) -> Vec<f64> {
+        let of_unit = |unit: usize| (1.0 + moved(unit)[0]) * self.felt(unit, place, &moved(unit))[0];
+        (0..self.centres.len()).map(of_unit).collect()
     }
 
     /// Returns the response of a displaced unit to 1 N at a place, without its gain, and the derivatives of the output with respect
@@ -215,7 +248,11 @@ impl Fit<'_> {
         let mut rows = Vec::with_capacity(units.len() * self.new.len());
         for point in self.new.points() {
             response.leverage.value(point.place, &mut leverage);
-            let force_n = if self.forces_are_known { point.force_n } else { self.force_n(&point, at) };
+            let force_n = if self.forces_are_known {
+                point.force_n
+            } else {
+                self.force_n(&point, &self.map.response_at(point.place, |_| *at))
+            };
             for &unit in units {
                 let (value, slopes) = self.map.slopes(unit, point.place, at);
                 let (gain, slopes) = (1.0 + at[0], slopes * force_n);
@@ -227,11 +264,10 @@ impl Fit<'_> {
         rows
     }
 
-    /// Returns the force that the map gives for a press of unknown force.
-    fn force_n(&self, point: &CalibrationPoint<'_>, at: &Moved) -> f64 {
+    /// Returns the force that the map gives for a press of unknown force. `per_newton` is the response of the map there.
+    pub(super) fn force_n(&self, point: &CalibrationPoint<'_>, per_newton: &[f64]) -> f64 {
         let (mut along, mut square) = (0.0, f64::MIN_POSITIVE);
-        for (unit, output) in point.outputs.iter().enumerate() {
-            let value = (1.0 + at[0]) * self.map.felt(unit, point.place, at)[0];
+        for (unit, (output, &value)) in point.outputs.iter().zip(per_newton).enumerate() {
             let weight = 1.0 / self.map.response.noise.variance(unit, point.force_n * value);
             along += weight * output * value;
             square += weight * value * value;

@@ -3,6 +3,7 @@
 use super::heldout::HeldPress;
 use super::method::FittedMethod;
 use super::noise::{Noise, Residual};
+use super::rescaled::Rescaled;
 use super::response::ForwardResponse;
 use super::threshold::{WEAK_SHARE, chi2_quantile, upper};
 use super::widths::{FEWEST_TRIALS, Widths};
@@ -68,6 +69,26 @@ impl Appraised {
     /// Largest residue of one contact with a force of 1; infinite if it is unknown.
     pub(crate) fn most_residue(&self) -> f64 {
         self.experience.as_ref().map_or(f64::INFINITY, |known| known.residue.variance(0, 1.0) * known.most_residue)
+    }
+
+    /// Multiplies the half-widths and the limit of a misfit.
+    pub(crate) fn rescale(&mut self, rescaled: &Rescaled) {
+        if let Some(experience) = &mut self.experience {
+            experience.widths = experience.widths.map(|widths| widths.rescaled(rescaled));
+            experience.most_residue *= rescaled.misfit;
+            let [constant, of_softness] = experience.location.parts();
+            let constant = constant.iter().map(|variance| variance * rescaled.map_error).collect();
+            experience.location = Noise::of_parts(constant, of_softness);
+        }
+    }
+
+    /// Part of the location's variance that doesn't depend on the force.
+    pub(crate) fn of_map(&self, force_n: f64) -> f64 {
+        let of = |experience: &Experience| {
+            let location = &experience.location;
+            location.variance(0, 0.0) / location.variance(0, 1.0 / force_n)
+        };
+        self.experience.as_ref().map_or(0.0, of)
     }
 
     /// Returns a method with unknown errors.

@@ -3,6 +3,7 @@
 use super::fitted::Answering;
 use super::heldout::HeldPress;
 use super::method::FittedMethod;
+use super::rescaled::Rescaled;
 use super::threshold::upper;
 use super::{Calibration, Locate as _, LocatedContact, Solution, SolveError, Solver, Workspace};
 use palpate_core::quantity::Place;
@@ -68,6 +69,15 @@ impl ByLoad {
             any: Box::new(any),
             calibrated: Box::new(calibrated),
         }
+    }
+}
+
+impl ByLoad {
+    /// Rescales both methods. The second one answers the same readings as before.
+    pub(crate) fn rescale(&mut self, rescaled: &Rescaled) {
+        self.any.rescale(rescaled);
+        self.calibrated.rescale(rescaled);
+        self.most_misfit /= rescaled.misfit;
     }
 }
 

@@ -4,6 +4,7 @@ use super::appraised::Appraised;
 use super::by_load::{ByLoad, Lengths, LoadGain};
 use super::forward::Forward;
 use super::pearson::check;
+use super::rescaled::Rescaled;
 use super::solution::SolvedDepth;
 use super::{
     Broken, Calibration, ContactVerdict, Covariance, DepthCurve, HalfWidths, Solution, SolveError, Solver, Workspace,
@@ -43,6 +44,27 @@ impl Answering {
             Answering::Forward(forward) => &**forward,
             Answering::Appraised(appraised) => &**appraised,
             Answering::ByLoad(by_load) => by_load,
+        }
+    }
+
+    /// Multiplies the half-widths and the limits of a misfit.
+    pub(super) fn rescale(&mut self, rescaled: &Rescaled) {
+        match self {
+            Answering::Forward(forward) => forward.rescale(rescaled),
+            Answering::Appraised(appraised) => appraised.rescale(rescaled),
+            Answering::ByLoad(by_load) => by_load.rescale(rescaled),
+        }
+    }
+
+    /// Part of a solution's stated variance of location that is due to the map's error.
+    fn of_map(&self, outputs: &[f64], solution: &Solution, workspace: &mut Workspace) -> f64 {
+        match self {
+            Answering::Forward(forward) => forward.of_map_stated(outputs, workspace),
+            Answering::Appraised(appraised) => appraised.of_map(solution.force_n),
+            Answering::ByLoad(by_load) if solution.is_calibrated_load => {
+                by_load.calibrated.of_map(outputs, solution, workspace)
+            }
+            Answering::ByLoad(by_load) => by_load.any.of_map(outputs, solution, workspace),
         }
     }
 
@@ -161,9 +183,16 @@ impl Fitted {
         self
     }
 
-    /// Multiplies the stated errors of location and of force, in addition to earlier factors.
-    pub(super) fn widen(&mut self, location: f64, force: f64) {
-        self.widened = [self.widened[0] * location, self.widened[1] * force];
+    /// Part of a solution's stated variance of location that is due to the map's error, 0 to 1.
+    pub(super) fn of_map(&self, outputs: &[f64], solution: &Solution, workspace: &mut Workspace) -> f64 {
+        let row: Vec<f64> = self.kept().into_iter().map(|unit| outputs[unit]).collect();
+        self.solver.of_map(&row, solution, workspace)
+    }
+
+    /// Returns the same method with other half-widths and limits of a misfit.
+    pub(super) fn rescaled(mut self, rescaled: &Rescaled) -> Self {
+        self.solver.rescale(rescaled);
+        self
     }
 
     /// Returns the same fit with another fit's factors for the stated errors.

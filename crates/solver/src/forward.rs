@@ -5,6 +5,7 @@ use super::expectation::Prediction;
 use super::heldout::HeldPress;
 use super::method::{PHYSICS, SURROGATE};
 use super::normal::{NormalEquations, inverse};
+use super::rescaled::Rescaled;
 use super::response::ForwardResponse;
 use super::starts::Starts;
 use super::threshold::{Unexplained, WEAK_SHARE, chi2_quantile, upper};
@@ -165,6 +166,23 @@ impl Forward {
         };
         let trials: Vec<HeldPress> = test.points().map(&mut solved).collect();
         self.widths = half_widths(&trials);
+    }
+
+    /// Multiplies the half-widths and the limits of a misfit.
+    pub(crate) fn rescale(&mut self, rescaled: &Rescaled) {
+        self.widths = self.widths.map(|widths| widths.rescaled(rescaled));
+        self.limits.one_contact *= rescaled.misfit;
+        self.limits.without_a_unit *= rescaled.misfit;
+        self.limits.inside *= rescaled.misfit;
+        self.limits.excess *= rescaled.misfit;
+        // few presses spread over the area know all of it, with the errors that the half-widths state
+        self.limits.known = self.limits.known.max(self.response.largest_leverage());
+    }
+
+    /// Part of the half-widths' squares that is due to the map's error.
+    pub(crate) fn of_map_stated(&self, outputs: &[f64], workspace: &mut Workspace) -> f64 {
+        let estimate = self.estimate(outputs, &[], workspace);
+        estimate.zip(self.widths).map_or(0.0, |((estimate, _), widths)| widths.of_map(self.of_map(&estimate)))
     }
 
     pub(crate) fn forget_half_widths(&mut self) {

@@ -45,7 +45,7 @@
 //!
 //! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`], a variant of `Method` and an arm in
 //! `prepared`. A [`Model`] is a fit with all data that a session needs. A sensor file stores it. [`Adapted`] makes a model from an
-//! older calibration and a few new presses (`adapt`).
+//! older calibration and a few new presses: changed (`adapt`), corrected (`correction`) or not used at all.
 //! A [`Prior`] makes a model from few presses and the full calibrations of other sensors of the design (`prior`).
 //! A [`HistoryRegression`] solves the force of a series of readings, with memories of earlier ones where they help.
 //! [`vector`] solves place and force along three axes, from presses and drags; [`two`] solves two contacts at once,
@@ -64,6 +64,7 @@ mod calibration;
 pub mod causes;
 mod centred;
 mod chart;
+mod correction;
 mod correlation;
 mod depth_curve;
 mod descent;
@@ -95,6 +96,7 @@ mod plane;
 mod prepared;
 mod prior;
 mod process;
+mod rescaled;
 mod response;
 mod scan;
 mod session;
@@ -112,9 +114,9 @@ mod view;
 mod widths;
 mod workspace;
 
-pub use adapt::{ArrayChange, Extent, UnitChange};
+pub use adapt::{ArrayChange, UnitChange, Update};
 pub use adapted::AdaptError;
-pub use adapted::{Adapted, MeanErrors, NewPressErrors};
+pub use adapted::{Adapted, MeanErrors, TriedUpdate};
 pub use broken::{Broken, OutputFault, broken};
 pub use by_load::LoadGain;
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};

@@ -51,28 +51,21 @@ impl Model {
     /// # Errors
     /// No method has that name, the layout belongs to another array, or the method can't be fitted to the calibration.
     pub fn fit(name: &str, calibration: Calibration, setting: &Setting<'_>) -> Result<Self, FitError> {
-        let fitted = super::fit(name, &calibration, setting)?;
+        Ok(Model::of(super::fit(name, &calibration, setting)?, calibration, setting))
+    }
+
+    /// Returns the model of a method that was fitted to a calibration.
+    pub(super) fn of(fitted: Fitted, calibration: Calibration, setting: &Setting<'_>) -> Self {
         let Setting { layout, load, common_offset, false_alarms, forces_n, .. } = *setting;
         let (layout, validity) = (layout.cloned(), Validity::of(&calibration));
-        Ok(Model {
-            fitted,
-            layout,
-            load,
-            common_offset,
-            false_alarms,
-            forces_n,
-            validity,
-            calibration: Some(calibration),
-        })
+        let calibration = Some(calibration);
+        Model { fitted, layout, load, common_offset, false_alarms, forces_n, validity, calibration }
     }
 
     /// Returns the model of an inverted map.
     pub(super) fn of_forward(forward: Forward, calibration: Calibration, setting: &Setting<'_>) -> Self {
-        let Setting { layout, load, common_offset, false_alarms, forces_n, .. } = *setting;
-        let (layout, validity) = (layout.cloned(), Validity::of(&calibration));
         let fitted = Fitted::new(Answering::Forward(Box::new(forward)), calibration.units());
-        let calibration = Some(calibration);
-        Model { fitted, layout, load, common_offset, false_alarms, forces_n, validity, calibration }
+        Model::of(fitted, calibration, setting)
     }
 
     /// Returns the model with half-widths from presses that it wasn't fitted to. Other methods than an inverted map stay as they
@@ -181,11 +174,6 @@ impl Model {
             .and_then(|prepared| prepared.fit_like(&self.fitted))
             .map(|fitted| fitted.widened_as(&self.fitted));
         Some(fitted)
-    }
-
-    /// Multiplies the stated errors of location and of force.
-    pub(super) fn widen(&mut self, location: f64, force: f64) {
-        self.fitted.widen(location, force);
     }
 }
 

@@ -156,6 +156,20 @@ impl<'a> PreparedCalibration<'a> {
         Ok(self.left_out(self.fit_to_kept(name)?))
     }
 
+    /// Fits a method to other presses of the array, with the correlations of this calibration. Its errors are those of this
+    /// calibration's trials.
+    pub(super) fn fit_again(&self, name: &str, presses: &Calibration) -> Result<Fitted, FitError> {
+        let kept: Vec<usize> =
+            (0..self.units).filter(|unit| self.broken.iter().all(|broken| broken.unit != *unit)).collect();
+        let method = self.fit_part(&presses.of_units(&kept), name)?;
+        Ok(self.left_out(self.fitted(self.stating(method, &self.tried(name)?)?)))
+    }
+
+    /// Fits a method, whose errors are those of the trials of another calibration of the array.
+    pub(super) fn fit_with_trials_of(&self, other: &PreparedCalibration<'_>, name: &str) -> Result<Fitted, FitError> {
+        Ok(self.left_out(self.fitted(self.answering(name, &other.tried(name)?)?)))
+    }
+
     /// Returns a fit of the kept units as a fit of all units.
     fn left_out(&self, fitted: Fitted) -> Fitted {
         let fitted = fitted.with_depth_curve(self.calibration.depth_curve().cloned());
@@ -455,8 +469,13 @@ impl<'a> PreparedCalibration<'a> {
 
     /// Returns a method that has learned the uncertainty of its answers from its trials.
     fn answering(&self, name: &str, trials: &[HeldPress]) -> Result<Answering, FitError> {
+        self.stating(self.method(name)?, trials)
+    }
+
+    /// Returns a method with the uncertainty of its answers that trials show.
+    fn stating(&self, method: FittedMethod, trials: &[HeldPress]) -> Result<Answering, FitError> {
         let setting = self.setting();
-        Ok(match self.method(name)? {
+        Ok(match method {
             FittedMethod::Forward(forward) => Answering::Forward(Box::new(forward.learned_curve(trials, &setting))),
             method => Answering::Appraised(Box::new(Appraised::new(method, trials, self.response()?, &setting))),
         })

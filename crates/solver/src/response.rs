@@ -107,14 +107,17 @@ impl ForwardResponse {
 
     /// Returns the response of a map that is known within its area, however large its own error is.
     pub(crate) fn known_within(self) -> Self {
-        let area = self.field.area();
+        ForwardResponse { known_leverage: self.known_leverage.max(self.largest_leverage()), ..self }
+    }
+
+    /// Largest leverage within the area, mean of all units.
+    pub(crate) fn largest_leverage(&self) -> f64 {
         let mut leverage = vec![0.0; self.field.channels()];
-        let mut most = self.known_leverage;
-        for place in area.grid(LEVERAGE_CELLS as usize + 1) {
+        let mut mean = |place: Place| {
             self.leverage.value(place, &mut leverage);
-            most = most.max(leverage.iter().sum::<f64>() / leverage.len() as f64);
-        }
-        ForwardResponse { known_leverage: most, ..self }
+            leverage.iter().sum::<f64>() / leverage.len() as f64
+        };
+        self.field.area().grid(LEVERAGE_CELLS as usize + 1).into_iter().map(&mut mean).fold(0.0, f64::max)
     }
 
     /// Returns the noise that must be added to an output scaled by `share`, as a standard deviation. The output is then as noisy

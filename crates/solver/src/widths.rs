@@ -2,6 +2,7 @@
 
 use super::Covariance;
 use super::heldout::HeldPress;
+use super::rescaled::Rescaled;
 use serde::{Deserialize, Serialize};
 
 /// Largest errors of a solution in 68 and in 95 of 100 cases. They are learned from calibration presses at held-out places, so
@@ -100,6 +101,21 @@ impl Widths {
     pub(crate) fn applied(&self, covariance: Covariance, of_map: f64) -> Covariance {
         let of_location = (grown(of_map, self.map_error) * self.location[0] / NORMAL_68).max(1.0);
         covariance.widened([of_location, of_location, self.force[0].max(1.0)])
+    }
+
+    /// Returns the same widths times factors.
+    pub(crate) fn rescaled(self, rescaled: &Rescaled) -> Self {
+        let times = |of: [f64; 2], by: [f64; 2]| [of[0] * by[0], of[1] * by[1]];
+        Widths {
+            location: times(self.location, rescaled.location),
+            force: times(self.force, rescaled.force),
+            map_error: self.map_error * rescaled.map_error,
+        }
+    }
+
+    /// Part of the half-widths' squares that is due to the map's error, where it is this part of the scales' squares.
+    pub(crate) fn of_map(&self, of_map: f64) -> f64 {
+        self.map_error * of_map / grown(of_map, self.map_error).powi(2)
     }
 
     /// Returns the half-widths for these scales of the errors, and the part of their squares that is due to the map's error.
