@@ -18,18 +18,14 @@ Examples:
   palpate adapt --from runs/monday --with runs/tuesday --out sensor.palpate
   palpate adapt --from sensor of the same family.csv --with few.csv --out A-018.palpate
 
-The command tries several ways, each on new presses that it doesn't know
-(cross-validated): the old presses with the gains and positions of units changed,
-or corrected by a smooth function of the place; and the new presses alone. It
-prints all errors, and writes the best way, or the old calibration if no way is
-better by more than chance. Half-widths and the limit of a misfit follow from the
-new presses too.
+The command tries the old presses unchanged, with other gains and positions of
+units, or corrected by a smooth function of the place; and the new presses alone.
+It prints the error of each on new presses that it doesn't know (cross-validated),
+and writes the best, or the old calibration if none is better by more than
+chance. Half-widths and the limit of a misfit follow from the new presses.
 
-At least 5 new presses are required, for new presses alone some 20. Spread them
-over the whole area.
-
-Exit code 1: the mean place of the new presses is as good an answer. Nothing is
-written without `--anyway`.";
+At least 5 new presses are required, without old ones some 20. Spread them over
+the area.";
 
 /// Update an older calibration, or that of a similar sensor, with a few new presses
 #[derive(Debug, clap::Args)]
@@ -41,7 +37,7 @@ pub(super) struct AdaptArgs {
     /// The new presses: a run folder or a table
     #[arg(long, value_name = "RUN")]
     with: PathBuf,
-    /// Write the file even if the mean place is as good an answer
+    /// Write a file that is no better than the mean place of the new presses
     #[arg(long)]
     anyway: bool,
     #[command(flatten)]

@@ -42,7 +42,7 @@ const CODES: [(&str, &str, &str); 35] = [
     ("verify", "0 no file has changed; 1 a file has changed", READS),
     ("rebuild", "0 written", WRITES),
     ("fit", "0 written", WRITES),
-    ("adapt", "0 written; 1 the mean place is as good an answer", WRITES),
+    ("adapt", "0 written; 1 no better than the mean place", WRITES),
     ("solve", "0 every line is answered", "2 bad input: the lines before it are answered"),
     ("serve", "130 stopped with Ctrl-C", "2 bad input, or the port is in use"),
     ("batch", "0 done", WRITES),
