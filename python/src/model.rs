@@ -132,7 +132,7 @@ impl PyModel {
     /// `Frame` with a row for each reading. The numbers are those of `palpate solve`, to the last bit. Each call is a session of
     /// its own: an output that breaks within a batch is excluded from the rest of the batch. Other threads continue meanwhile.
     fn solve<'py>(&self, py: Python<'py>, readings: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        solved(py, readings, &self.model, |solve| {
+        solved(py, readings, &self.model, |_, solve| {
             self.with_session(&mut |session| solve(&mut |outputs| session.solve(outputs)));
         })
     }
@@ -201,9 +201,12 @@ impl PyModel {
 impl PySession {
     /// Solves the next reading, shape (outputs,), or the next batch, shape (rows, outputs), as `Model.solve` does.
     fn solve<'py>(&self, py: Python<'py>, readings: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        solved(py, readings, &self.model, |solve| {
+        solved(py, readings, &self.model, |is_batch, solve| {
             let mut session = lock(&self.session);
-            solve(&mut |outputs| session.solve(outputs));
+            match is_batch {
+                true => solve(&mut |outputs| session.solve_in_turn(outputs)),
+                false => solve(&mut |outputs| session.solve(outputs)),
+            }
         })
     }
 
@@ -231,12 +234,12 @@ impl PySession {
 /// Solves the next reading of a session.
 type SolveNext<'a> = dyn FnMut(&[f64]) -> Result<solver::Solution, solver::Unanswered> + 'a;
 
-/// Solves readings with a session, without the interpreter's lock.
+/// Solves readings with a session, without the interpreter's lock. The session is told whether they are a batch.
 fn solved<'py>(
     py: Python<'py>,
     given: &Bound<'py, PyAny>,
     model: &solver::Model,
-    session: impl FnOnce(&mut dyn FnMut(&mut SolveNext<'_>)) + Send,
+    session: impl FnOnce(bool, &mut dyn FnMut(&mut SolveNext<'_>)) + Send,
 ) -> PyResult<Bound<'py, PyAny>> {
     let (units, measure) = (model.validity().units, Measure::of(model));
     let readings = PyReadings::of(given, units)?;
@@ -245,7 +248,7 @@ fn solved<'py>(
         None => {
             let mut contact = None;
             py.detach(|| {
-                session(&mut |solve| contact = Some(PyContact::of(&solve(numbers), measure)));
+                session(false, &mut |solve| contact = Some(PyContact::of(&solve(numbers), measure)));
             });
             Ok(contact.into_pyobject(py)?.into_any())
         }
@@ -253,7 +256,7 @@ fn solved<'py>(
             let (mut contacts, has_two_methods) = (PyContacts::new(rows), model.fitted().at_calibrated_load().is_some());
             py.detach(|| {
                 // a reading without outputs is refused above: no array has none
-                session(&mut |solve| {
+                session(true, &mut |solve| {
                     numbers.chunks_exact(units).for_each(|reading| contacts.add(&solve(reading), measure));
                 });
             });

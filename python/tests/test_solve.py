@@ -68,8 +68,11 @@ def test_a_unit_that_breaks_in_a_session_is_excluded(table, readings):
     session = palpate.fit(table, "surrogate").session()
     dead = np.repeat(readings[40:], 5, axis=0) + np.random.default_rng(2).normal(0, 0.01, (1800, 9))
     dead[:, 4] = 0.0
-    session.solve(dead)
+    contacts = session.solve(dead)
     assert session.broken == [5]
+    assert session.at_fault[5] >= 1e4
+    again = palpate.fit(table, "surrogate").session().solve(dead)
+    np.testing.assert_array_equal(contacts.x_mm, again.x_mm)  # a batch waits for its searches
 
 
 def test_a_sensor_that_no_longer_fits_its_calibration_is_reported(table):

@@ -82,6 +82,22 @@ impl SearchingApart {
         &self.session
     }
 
+    /// Solves one of many readings that are all known already. Its search ends before the next reading, so the same readings have
+    /// the same answers.
+    ///
+    /// # Errors
+    /// The reading has no answer.
+    pub fn solve_in_turn(&mut self, outputs: &[f64]) -> Result<Solution, Unanswered> {
+        if let Some(Ok(searched)) = self.search.take().map(|search| search.recv()) {
+            self.session.accept(searched);
+        }
+        let solved = self.session.solve(outputs);
+        if let Some(search) = self.session.search() {
+            self.session.accept(search.run());
+        }
+        solved
+    }
+
     /// Solves the next reading; a missing output is NaN.
     ///
     /// # Errors
