@@ -53,6 +53,7 @@ impl AnswerStream<'_> {
                 Ok(None) => {}
                 Err(error) => break Err(error),
             }
+            answers.take_backlog(lines.has_backlog());
             if lines.is_drained() {
                 solutions.flush()?;
             }

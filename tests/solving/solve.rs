@@ -273,6 +273,11 @@ fn broken_unit_is_reported_once_and_then_excluded() {
     let left_out: Vec<bool> = printed.out.lines().skip(1).map(|line| line.contains(",5:")).collect();
     assert_eq!(left_out.iter().position(|left_out| *left_out), Some(line), "from the next line on: {}", printed.out);
     assert!(left_out.len() == 60 && left_out[line..].iter().all(|left_out| *left_out) && line <= 50, "{}", printed.out);
+    // a pipe that is full of readings isn't live: its searches are waited for
+    let mut piped = started(&bench, words);
+    piped.stdin.take().expect("a pipe").write_all(readings(Some(5)).repeat(3).as_bytes()).expect("the program reads");
+    let printed: CommandOutput = piped.wait_with_output().expect("the program ends").into();
+    assert!(printed.out.lines().last().is_some_and(|last| last.contains(",5:")), "{}", printed.out);
 }
 
 #[test]

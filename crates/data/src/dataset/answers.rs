@@ -5,8 +5,9 @@ use miette::Diagnostic;
 use palpate_solver::vector::{VectorSession, VectorSolution};
 use palpate_solver::{FaultChange, FaultyUnit, HistorySession, SearchedFaults, Session, Solution, Unanswered};
 use serde_json::Value;
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread;
+use std::time::Duration;
 
 /// Answers one line after another.
 pub struct Answers<S: ReadingSolver = Session> {
@@ -27,6 +28,9 @@ pub trait ReadingSolver {
     /// # Errors
     /// The reading has no answer.
     fn solve(&mut self, reading: &Reading) -> Result<Self::Solution, Unanswered>;
+
+    /// Takes whether many more readings have arrived already. Then nobody waits for the next answer, and a search may take its time.
+    fn take_backlog(&mut self, _is_long: bool) {}
 
     /// Changes of the units that are left out, from the first one.
     fn changes(&self) -> &[FaultChange] {
@@ -69,12 +73,17 @@ pub struct SearchingApart {
     session: Session,
     /// Receives the result of the search that runs.
     search: Option<Receiver<SearchedFaults>>,
+    /// Whether many more readings have arrived.
+    has_backlog: bool,
 }
+
+/// Longest time for which an answer waits for a search.
+const WAIT_MOST: Duration = Duration::from_millis(4);
 
 impl SearchingApart {
     /// Leaves the searches of a session to threads.
     pub fn new(session: Session) -> Self {
-        SearchingApart { session: session.deferring(), search: None }
+        SearchingApart { session: session.deferring(), search: None, has_backlog: false }
     }
 
     /// Returns the session.
@@ -104,14 +113,18 @@ impl SearchingApart {
     /// The reading has no answer.
     pub fn solve(&mut self, outputs: &[f64]) -> Result<Solution, Unanswered> {
         let solved = self.session.solve(outputs);
-        match self.search.as_ref().map(Receiver::try_recv) {
+        let wait = |search: &Receiver<SearchedFaults>| match self.has_backlog {
+            true => search.recv().map_err(RecvTimeoutError::from),
+            false => search.recv_timeout(WAIT_MOST),
+        };
+        match self.search.as_ref().map(wait) {
             Some(Ok(searched)) => {
                 self.session.accept(searched);
                 self.search = None;
             }
-            Some(Err(TryRecvError::Empty)) => return solved,
+            Some(Err(RecvTimeoutError::Timeout)) => return solved,
             // a search that failed isn't repeated
-            Some(Err(TryRecvError::Disconnected)) | None => {}
+            Some(Err(RecvTimeoutError::Disconnected)) | None => {}
         }
         if let Some(search) = self.session.search() {
             let (sender, receiver) = channel();
@@ -128,6 +141,10 @@ impl ReadingSolver for SearchingApart {
 
     fn solve(&mut self, reading: &Reading) -> Result<Solution, Unanswered> {
         SearchingApart::solve(self, &reading.outputs)
+    }
+
+    fn take_backlog(&mut self, is_long: bool) {
+        self.has_backlog = is_long;
     }
 
     fn changes(&self) -> &[FaultChange] {
@@ -199,6 +216,11 @@ impl<S: ReadingSolver> Answers<S> {
     /// Returns the session, with the method and the excluded units.
     pub fn session(&self) -> &S {
         &self.session
+    }
+
+    /// Takes whether many more lines have arrived already.
+    pub fn take_backlog(&mut self, is_long: bool) {
+        self.session.take_backlog(is_long);
     }
 
     /// Returns the answer to the next line; `None` if the line is blank or is the header.
