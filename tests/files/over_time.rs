@@ -104,6 +104,19 @@ fn wear_is_separated_from_the_drift_of_the_rig_and_every_press_counts_once_after
 }
 
 #[test]
+fn staircase_is_followed_after_its_last_level() {
+    let recipe = "name = \"r\"\nrig = \"sim\"\nchecks = \"none\"\n[record]\nseries = \"window\"\n[[step]]\nphase = \"creep\"\n\
+                  units = [5]\nstaircase = { to_n = 0.6, step_n = 0.2, repeats = 1 }\nfollow_s = 7.0\n";
+    let bench = TestFolder::with([("r.toml", recipe)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let recorded = Recorded::read(&bench.path("run")).unwrap();
+    let [contact] = &recorded.contacts[..] else { panic!("{} contacts", recorded.contacts.len()) };
+    let last_s = contact.levels.last().and_then(|last| last.t_s).unwrap();
+    let [time] = contact.followed[..] else { panic!("{:?}", contact.followed) };
+    assert!(contact.levels.len() == 7 && time.from_s > last_s && time.to_s - time.from_s > 6.9, "{time:?}, {last_s}");
+}
+
+#[test]
 fn readings_of_a_monitor_are_among_the_others_once_each() {
     let monitor = "[[monitor]]\nname = \"temperature_c\"\ndriver = { process = [\"thermometer\"] }\nlink = \"sim\"\nevery_s = 6.0\n";
     let scene = format!("{monitor}\n[scene]\ntemperature = {{ mean_c = 23.0, drift_c_h = 60.0 }}");

@@ -16,7 +16,9 @@ impl ForceLoop {
     pub(super) fn follow(&mut self) -> Result<LoopCommand, Trip> {
         let all_s = self.task.follow_s(self.level);
         let left_s = self.follow_until_s.map_or(all_s, |until_s| until_s - self.moment.now_s);
-        if left_s < FOLLOW_LEAST_S {
+        // written as the positive condition, so NaN ends it
+        let remains = left_s >= FOLLOW_LEAST_S;
+        if !remains {
             self.level += 1;
             self.steps = 0;
             (self.dwelt, self.follow_until_s) = (false, None);

@@ -6,6 +6,9 @@ use super::parse::WHOLE;
 use super::{Manner, Phase, StepLoad};
 use palpate_document::{Problem, Span, Table};
 
+/// Largest number of steps of a staircase.
+pub(super) const STEPS_MOST: f64 = 1000.0;
+
 /// Load of a step that has no problem; the load itself is `None` if it has one.
 pub(super) struct ReadLoad {
     pub load: Option<StepLoad>,
@@ -67,8 +70,8 @@ fn read_staircase(step: &Table) -> Option<StepLoad> {
         if (steps - steps.round()).abs() > WHOLE * steps.max(1.0) || steps < 0.5 {
             let text = format!("`step_n` {step} doesn't divide `to_n` {to}");
             table.complain(Problem::new(span, text).help("levels are equal steps from 0 to `to_n`"));
-        } else if steps > 1000.0 {
-            table.complain(Problem::new(span, format!("{steps:.0} levels, but at most 1000 are allowed")));
+        } else if steps > STEPS_MOST {
+            table.complain(Problem::new(span, format!("{steps:.0} levels, but at most {STEPS_MOST} are allowed")));
         }
     }
     Some(StepLoad::Staircase { to_n: to_n?, step_n: step_n?, repeats: repeats?, rest_s: rest_s? })

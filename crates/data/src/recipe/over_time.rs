@@ -1,6 +1,7 @@
 //! What a step does over time: levels that are followed, ramps, cycles and waves.
 
 use super::keys::{self, cycles, step, wave};
+use super::load::STEPS_MOST;
 use super::{Manner, Phase, StepLoad};
 use palpate_control::OverTime;
 use palpate_core::quantity::Place;
@@ -49,7 +50,18 @@ pub(super) fn read_over_time(
     }
     match load {
         Some(StepLoad::Wave { for_s, .. }) => OverTime { follow_s: for_s.clone(), holds_force: true, ramps_mm_s },
-        _ if follow_s > 0.0 => OverTime { follow_s: vec![follow_s], holds_force, ramps_mm_s },
+        _ if follow_s > 0.0 => {
+            let before_last = match load {
+                // up and down; a staircase with more steps is refused
+                Some(StepLoad::Staircase { to_n, step_n, .. }) => {
+                    2 * (to_n / step_n).round().clamp(1.0, STEPS_MOST) as usize
+                }
+                _ => 0,
+            };
+            let mut each_s = vec![0.0; before_last];
+            each_s.push(follow_s);
+            OverTime { follow_s: each_s, holds_force, ramps_mm_s }
+        }
         _ => OverTime { ramps_mm_s, ..OverTime::default() },
     }
 }
