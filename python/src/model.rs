@@ -253,7 +253,8 @@ fn solved<'py>(
             Ok(contact.into_pyobject(py)?.into_any())
         }
         Some(rows) => {
-            let (mut contacts, has_two_methods) = (PyContacts::new(rows), model.fitted().at_calibrated_load().is_some());
+            let (mut contacts, has_two_methods) =
+                (PyContacts::new(rows), model.fitted().at_calibrated_load().is_some());
             py.detach(|| {
                 // a reading without outputs is refused above: no array has none
                 session(true, &mut |solve| {
