@@ -203,10 +203,8 @@ impl PySession {
     fn solve<'py>(&self, py: Python<'py>, readings: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         solved(py, readings, &self.model, |is_batch, solve| {
             let mut session = lock(&self.session);
-            match is_batch {
-                true => solve(&mut |outputs| session.solve_in_turn(outputs)),
-                false => solve(&mut |outputs| session.solve(outputs)),
-            }
+            session.take_backlog(is_batch);
+            solve(&mut |outputs| session.solve(outputs));
         })
     }
 
@@ -234,7 +232,7 @@ impl PySession {
 /// Solves the next reading of a session.
 type SolveNext<'a> = dyn FnMut(&[f64]) -> Result<solver::Solution, solver::Unanswered> + 'a;
 
-/// Solves readings with a session, without the interpreter's lock. The session is told whether they are a batch.
+/// Solves readings with a session, without the interpreter's lock. `session` receives whether they are a batch.
 fn solved<'py>(
     py: Python<'py>,
     given: &Bound<'py, PyAny>,

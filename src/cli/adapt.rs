@@ -37,7 +37,7 @@ pub(super) struct AdaptArgs {
     /// The new presses: a run folder or a table
     #[arg(long, value_name = "RUN")]
     with: PathBuf,
-    /// Write a file that is no better than the mean place of the new presses
+    /// Write the file also if the mean place is as good
     #[arg(long)]
     anyway: bool,
     #[command(flatten)]

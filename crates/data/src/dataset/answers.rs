@@ -68,7 +68,7 @@ impl ReadingSolver for Session {
     }
 }
 
-/// A session whose searches for units at fault run in a thread of their own, so that no answer waits for one.
+/// A session whose searches for units at fault run in a thread of their own, so that no answer waits long for one.
 pub struct SearchingApart {
     session: Session,
     /// Receives the result of the search that runs.
@@ -91,20 +91,10 @@ impl SearchingApart {
         &self.session
     }
 
-    /// Solves one of many readings that are all known already. Its search ends before the next reading, so the same readings have
+    /// Takes whether many more readings are known already. Then each search ends before the next reading, so the same readings have
     /// the same answers.
-    ///
-    /// # Errors
-    /// The reading has no answer.
-    pub fn solve_in_turn(&mut self, outputs: &[f64]) -> Result<Solution, Unanswered> {
-        if let Some(Ok(searched)) = self.search.take().map(|search| search.recv()) {
-            self.session.accept(searched);
-        }
-        let solved = self.session.solve(outputs);
-        if let Some(search) = self.session.search() {
-            self.session.accept(search.run());
-        }
-        solved
+    pub fn take_backlog(&mut self, is_long: bool) {
+        self.has_backlog = is_long;
     }
 
     /// Solves the next reading; a missing output is NaN.
@@ -126,7 +116,10 @@ impl SearchingApart {
             // a search that failed isn't repeated
             Some(Err(RecvTimeoutError::Disconnected)) | None => {}
         }
-        if let Some(search) = self.session.search() {
+        let Some(search) = self.session.search() else { return solved };
+        if self.has_backlog {
+            self.session.accept(search.run());
+        } else {
             let (sender, receiver) = channel();
             // a session that has ended needs no result, and one without a thread goes on without searches
             _ = thread::Builder::new().spawn(move || _ = sender.send(search.run()));
@@ -144,7 +137,7 @@ impl ReadingSolver for SearchingApart {
     }
 
     fn take_backlog(&mut self, is_long: bool) {
-        self.has_backlog = is_long;
+        SearchingApart::take_backlog(self, is_long);
     }
 
     fn changes(&self) -> &[FaultChange] {
