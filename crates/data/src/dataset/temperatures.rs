@@ -36,10 +36,11 @@ pub struct Warmed {
 pub fn warmed(run: &Recorded) -> Vec<Warmed> {
     let names = run.contacts.first().map(|contact| contact.monitors.as_slice()).unwrap_or_default();
     let names = names.iter().map(|monitor| monitor.name.as_str()).filter(|name| name.ends_with(CELSIUS));
-    names.flat_map(|name| beside(run, name)).collect()
+    let cycles = cycled(run);
+    names.flat_map(|name| beside(run, &cycles, name)).collect()
 }
 
-fn beside(run: &Recorded, monitor: &str) -> Vec<Warmed> {
+fn beside(run: &Recorded, cycles: &[Cycled], monitor: &str) -> Vec<Warmed> {
     let of_monitor = |contact: &RecordedContact| {
         contact.monitors.iter().find(|value| value.name == monitor).map(|value| (value.t_s, value.value))
     };
@@ -60,12 +61,11 @@ fn beside(run: &Recorded, monitor: &str) -> Vec<Warmed> {
         let zeros = of_contacts(&|contact| contact.no_load_before.outputs.get(output).copied());
         all.push(warmed(WarmedQuantity::OutputZero(output + 1), zeros));
     }
-    let cycles = cycled(run);
     if let Some(Cycled { points, reference, .. }) = cycles.first() {
         let mut of_reference = points.iter().filter(|point| point.is_reference);
         all.push(warmed(WarmedQuantity::LogGain(*reference), of_cycles(&mut of_reference)));
     }
-    for Cycled { points, place, .. } in &cycles {
+    for Cycled { points, place, .. } in cycles {
         let mut own = points.iter().filter(|point| !point.is_reference);
         all.push(warmed(WarmedQuantity::LogGain(*place), of_cycles(&mut own)));
     }
