@@ -20,6 +20,16 @@ pub(super) struct Prediction {
     pub quiet_sd: Vec<f64>,
 }
 
+/// Least output that a unit should have felt, in standard deviations without a contact.
+const FELT_SD: f64 = 3.0;
+
+impl Prediction {
+    /// Whether a unit felt the contact, or should have felt it.
+    pub(crate) fn is_felt(&self, unit: usize, output: f64) -> bool {
+        self.outputs[unit].abs().max(output.abs()) > FELT_SD * self.quiet_sd[unit]
+    }
+}
+
 /// Readings of good contacts, by the map that the model inverts. A method without such a map is represented by its presses. Units are
 /// those that the model uses, in its order.
 pub(super) struct Expectation {
@@ -29,6 +39,8 @@ pub(super) struct Expectation {
     scales: Vec<f64>,
     /// Misfits of held-out presses, without these units.
     held_out: Mutex<BTreeMap<Vec<usize>, Arc<HeldOutMisfits>>>,
+    /// Probability that a unit that works repeats its output.
+    repeats: Mutex<BTreeMap<usize, f64>>,
 }
 
 /// Misfits of good contacts.
@@ -82,7 +94,7 @@ impl Expectation {
             (presses, _) => presses.as_ref()?.sizes(),
         };
         let scales = scales.into_iter().map(|scale| scale.max(f64::MIN_POSITIVE)).collect();
-        Some(Expectation { model, presses, scales, held_out: Mutex::default() })
+        Some(Expectation { model, presses, scales, held_out: Mutex::default(), repeats: Mutex::default() })
     }
 
     /// Returns what the model predicts of a reading, of which some units don't count. `None` if nothing explains any of it.
@@ -126,6 +138,12 @@ impl Expectation {
         let (_, gain_sd) =
             mean_and_sd(others.relative.iter().zip(&misfits.relative).map(|(other, misfit)| other - misfit));
         UsualMisfit { typical: Some(misfits.typical), mean, sd, gain_sd }
+    }
+
+    /// Probability that a unit that works reads exactly the same in two different contacts that it feels; `None` if no presses show it.
+    pub(crate) fn repeats(&self, unit: usize) -> Option<f64> {
+        let presses = self.presses.as_ref()?;
+        Some(*lock(&self.repeats).entry(unit).or_insert_with(|| presses.repeats(unit)))
     }
 
     fn held_out(&self, presses: &NearestPresses, without: &[usize]) -> Arc<HeldOutMisfits> {

@@ -85,8 +85,6 @@ const CONTACTS_LEAST: usize = 20;
 const CANDIDATES_MOST: usize = 8;
 /// Least number of units that are left.
 const UNITS_LEAST: usize = 2;
-/// Least output that a unit should have felt, in standard deviations without a contact.
-const FELT_SD: f64 = 3.0;
 /// Misfit from which no single unit explains a contact, in standard deviations of held-out presses.
 const UNEXPLAINED_SD: f64 = 1.6;
 /// Sufficient evidence (natural logarithm): ten thousand to one.
@@ -176,9 +174,7 @@ impl FaultEvidence {
             Some((expectation.usual(&without, &left_out).compared(prediction.log_misfit), prediction))
         };
         let Some((misfit, expected)) = compared(&[]) else { return };
-        let is_felt = |unit: usize, by: &Prediction| {
-            by.outputs[unit].abs().max(outputs[unit].abs()) > FELT_SD * by.quiet_sd[unit]
-        };
+        let is_felt = |unit: usize, by: &Prediction| by.is_felt(unit, outputs[unit]);
         let deviation = |unit: usize| (outputs[unit] - expected.outputs[unit]).abs() / expected.sd[unit];
         let mut candidates: Vec<usize> = (0..outputs.len()).filter(|unit| !left_out.contains(unit)).collect();
         let mut felt: Vec<usize> = candidates.iter().copied().filter(|&unit| is_felt(unit, &expected)).collect();
@@ -223,6 +219,9 @@ impl FaultEvidence {
 
     /// Returns the units to leave out or to use again, if the contacts so far are sufficient.
     fn decide(&self, expectation: &Expectation, units: usize) -> Option<Decision> {
+        if let Some((unit, log_odds)) = (0..units).find_map(|unit| Some((unit, self.stuck(expectation, unit, units)?))) {
+            return Some(Decision::LeaveOut { units: vec![unit], log_odds });
+        }
         let tried = self.contacts.iter().flat_map(|contact| contact.tried.iter().map(|(suspect, _)| suspect));
         let suspects: BTreeSet<&Vec<usize>> = tried.collect();
         let sufficient = suspects.iter().filter_map(|&suspect| {
@@ -243,6 +242,32 @@ impl FaultEvidence {
         works.map(|(unit, _)| Decision::TakeBack(*unit))
     }
 
+    /// Returns the last contacts that some units felt and that differ without them, because the model's errors at one place would count
+    /// several times. `None` if they are too few.
+    fn different(&self, expectation: &Expectation, units: &[usize]) -> Option<Vec<&TriedContact>> {
+        let mut contacts: Vec<&TriedContact> = Vec::new();
+        for contact in self.contacts.iter().rev().filter(|contact| contact.is_felt_by(units)) {
+            let is_new = |other: &&TriedContact| !expectation.is_alike(&other.reading, &contact.reading, units);
+            if contacts.len() < CONTACTS_MOST && contacts.iter().all(is_new) {
+                contacts.push(contact);
+            }
+        }
+        (contacts.len() >= CONTACTS_LEAST).then_some(contacts)
+    }
+
+    /// Returns the logarithm of the odds that a unit is stuck, if it reads exactly the same in all contacts that it should have felt.
+    fn stuck(&self, expectation: &Expectation, unit: usize, units: usize) -> Option<f64> {
+        let mut felt = self.contacts.iter().rev().filter(|contact| contact.is_felt_by(&[unit])).take(CONTACTS_LEAST);
+        let first = felt.next()?.reading[unit];
+        if self.left_out.contains(&unit) || !felt.all(|contact| contact.reading[unit] == first) {
+            return None;
+        }
+        let contacts = self.different(expectation, &[unit])?;
+        let repeated = contacts.iter().take_while(|contact| contact.reading[unit] == first).count();
+        let log_odds = -(repeated as f64) * expectation.repeats(unit)?.ln() - (units as f64).ln();
+        (repeated >= CONTACTS_LEAST && log_odds >= ENOUGH).then_some(log_odds)
+    }
+
     /// Returns the logarithm of the odds that these units are at fault, and no others or none, if the contacts that they felt are enough
     /// and are explained without them. Means of differences are normal; as many sets of units could have been chosen as there are.
     fn log_odds(
@@ -253,17 +278,7 @@ impl FaultEvidence {
         units: usize,
     ) -> Option<f64> {
         let usual = expectation.usual(&with(&self.left_out, suspect), &self.left_out);
-        let mut contacts: Vec<&TriedContact> = Vec::new();
-        for contact in self.contacts.iter().rev().filter(|contact| contact.is_felt_by(suspect)) {
-            // the model's errors at one place would count several times
-            let is_new = |other: &&TriedContact| !expectation.is_alike(&other.reading, &contact.reading, suspect);
-            if contacts.len() < CONTACTS_MOST && contacts.iter().all(is_new) {
-                contacts.push(contact);
-            }
-        }
-        if contacts.len() < CONTACTS_LEAST {
-            return None;
-        }
+        let contacts = self.different(expectation, suspect)?;
         let own: Vec<f64> = contacts.iter().map(|contact| contact.without(suspect)).collect();
         let rest = own.iter().sum::<f64>() / own.len() as f64;
         let sigmas = |other: &[usize]| {

@@ -128,6 +128,20 @@ impl NearestPresses {
         in_parallel(&self.held, |&press| self.predict_without_place(press, without).0.log_misfit)
     }
 
+    /// Probability that a unit that works reads exactly the same in two contacts that it feels: of held-out presses and those that are
+    /// most alike for the others. It isn't 0, because presses are few.
+    pub(crate) fn repeats(&self, unit: usize) -> f64 {
+        let counted: Vec<usize> = (0..self.units).filter(|other| *other != unit).collect();
+        let is_repeated = in_parallel(&self.held, |&press| {
+            let (row, place) = (self.row(press), Some(self.places[press]));
+            let prediction = self.predicted(row, &[unit], place).0;
+            let is_same = || self.row(self.nearest(row, &counted, place)[0].press)[unit] == row[unit];
+            prediction.is_felt(unit, row[unit]).then(is_same)
+        });
+        let felt = || is_repeated.iter().flatten();
+        (1 + felt().filter(|is_same| **is_same).count()) as f64 / (2 + felt().count()) as f64
+    }
+
     fn predict_without_place(&self, press: usize, without: &[usize]) -> (Prediction, f64) {
         self.predicted(self.row(press), without, Some(self.places[press]))
     }
