@@ -5,7 +5,9 @@
 use palpate_core::quantity::{ArrayLayout, Place, RandomStream, stream};
 use palpate_data::dataset::{Mapping, read_table};
 use palpate_sim::scene::{Elastomer, NoiseOf, Skin, SkinSpec, TaxelNoise};
-use palpate_solver::{BEST, Calibration, CalibrationPoint, FaultChange, Fits, Model, Session, Setting, Solver as _};
+use palpate_solver::{
+    BEST, Calibration, CalibrationPoint, FaultChange, Fits, Model, Session, Setting, Solver as _, Workspace,
+};
 use palpate_testing::campaign;
 use palpate_testing::skins::scene_t;
 use rand::RngExt;
@@ -28,6 +30,8 @@ struct Calibrated {
     name: String,
     fits: Arc<Fits>,
     contacts: Vec<Row>,
+    in_newtons: bool,
+    layout: Option<ArrayLayout>,
     /// Standard deviation of each output without a contact.
     quiet: Vec<f64>,
 }
@@ -47,13 +51,15 @@ impl Calibrated {
             name: format!("{name} ({})", model.fitted().name()),
             fits: Arc::new(Fits::new(model)),
             contacts,
+            in_newtons,
+            layout: layout.cloned(),
             quiet,
         }
     }
 
-    /// A square of simulated units.
-    fn simulated(side: usize, spacing_mm: f64) -> Self {
-        let (layout, units) = (ArrayLayout::grid(side, side, 4.5), side * side);
+    /// A grid of simulated units, pressed every so many mm.
+    fn simulated(columns: usize, rows: usize, spacing_mm: f64) -> Self {
+        let (layout, units) = (ArrayLayout::grid(rows, columns, 4.5), columns * rows);
         let noise = TaxelNoise { repeatability_percent: vec![1.0; units], of: NoiseOf::Reading, floor: 0.001 };
         let fine = SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), noise: Some(noise), ..SkinSpec::default() };
         let spec = if units == 9 { scene_t() } else { fine };
@@ -64,13 +70,13 @@ impl Calibrated {
             skin.outputs(force_n, place, &mut outputs);
             (place, force_n, outputs)
         };
-        let half_mm = 2.25 * (side as f64 - 1.0) + 1.5;
-        let steps = (2.0 * half_mm / spacing_mm) as usize + 1;
-        let at = |index: usize| spacing_mm * index as f64 - half_mm;
-        let grid = (0..steps * steps).map(|i| Place::new(at(i % steps), at(i / steps)));
+        let [wide_mm, high_mm] = [columns, rows].map(|count| 2.25 * (count as f64 - 1.0) + 1.5);
+        let [across, along] = [wide_mm, high_mm].map(|half_mm| (2.0 * half_mm / spacing_mm) as usize + 1);
+        let at = |index: usize, half_mm: f64| spacing_mm * index as f64 - half_mm;
+        let grid = (0..across * along).map(|i| Place::new(at(i % across, wide_mm), at(i / across, high_mm)));
         let presses: Vec<Row> = grid.map(|place| press(place, 1.0, &mut rng)).collect();
         let mut random = |_| {
-            let place = Place::new(rng.random_range(-half_mm..half_mm), rng.random_range(-half_mm..half_mm));
+            let place = Place::new(rng.random_range(-wide_mm..wide_mm), rng.random_range(-high_mm..high_mm));
             let force_n = rng.random_range(0.1..1.0);
             press(place, force_n, &mut rng)
         };
@@ -120,11 +126,41 @@ impl Calibrated {
                     left_out.sort_unstable();
                     left_out == *units
                 });
+                let is_wrong = session.at_fault().iter().any(|faulty| !units.contains(&faulty.unit));
+                assert!(!is_wrong, "{} {fault}: {:?}", self.name, session.changes());
                 until.push((fault.clone(), is_named.then_some(felt)));
+                // a weak or stuck unit leaves the same units as a dead one
+                if stream == 0 && is_named && !fault.starts_with("weak") && !fault.starts_with("stuck") {
+                    self.assert_as_without(units, &mut session, fault);
+                }
             }
         }
         println!("{}: {until:?}", self.name);
         until
+    }
+
+    /// Asserts that a session without some units locates contacts as well as a model that was fitted without them.
+    fn assert_as_without(&self, units: &[usize], session: &mut Session, fault: &str) {
+        let calibration = self.fits.model().calibration().unwrap();
+        let kept: Vec<usize> = (0..calibration.units()).filter(|unit| !units.contains(unit)).collect();
+        let only = |outputs: &[f64]| kept.iter().map(|&unit| outputs[unit]).collect::<Vec<f64>>();
+        let rows: Vec<Vec<f64>> = calibration.points().map(|point| only(point.outputs)).collect();
+        let points = calibration.points().zip(&rows).map(|(point, outputs)| CalibrationPoint { outputs, ..point });
+        let fewer = Calibration::new(&points.collect::<Vec<_>>()).unwrap();
+        let fewer = if self.in_newtons { fewer } else { fewer.with_unknown_forces() };
+        let layout = self.layout.as_ref().map(|layout| layout.only(&kept));
+        let without = Model::fit(BEST, fewer, &Setting::of_layout(layout.as_ref())).unwrap();
+        let (mut workspace, mut errors_mm) = (Workspace::default(), [0.0; 2]);
+        for (place, _, outputs) in self.contacts.iter().take(200) {
+            let found = [session.solve(outputs).ok(), without.fitted().solve(&only(outputs), &mut workspace).ok()];
+            if let [Some(one), Some(other)] = found {
+                errors_mm[0] += one.place.distance_mm(*place);
+                errors_mm[1] += other.place.distance_mm(*place);
+            }
+        }
+        let ratio = errors_mm[0] / errors_mm[1];
+        println!("{} {fault}: error {ratio:.3} of that of {}", self.name, without.fitted().name());
+        assert!(ratio <= 1.1, "{}: {fault}", self.name);
     }
 
     /// Asserts that good contacts name no unit.
@@ -146,10 +182,10 @@ fn assert_named(until: &[(String, Option<usize>)], of_100: usize) {
 
 #[test]
 fn units_at_fault_are_named_and_good_ones_are_not() {
-    let sides = campaign::size(1, 3);
-    let skins = [(3, 1.5), (4, 1.5), (6, 2.0)].into_iter().take(sides);
+    let skins = [(3, 3, 1.5), (4, 4, 1.5), (6, 6, 2.0), (10, 10, 3.0), (16, 12, 3.0)];
     let mut until = Vec::new();
-    for skin in skins.map(|(side, spacing_mm)| Calibrated::simulated(side, spacing_mm)) {
+    for (columns, rows, spacing_mm) in skins.into_iter().take(campaign::size(1, skins.len())) {
+        let skin = Calibrated::simulated(columns, rows, spacing_mm);
         skin.assert_silent();
         until.extend(skin.until_named(campaign::size(1, 3)));
     }
@@ -157,8 +193,49 @@ fn units_at_fault_are_named_and_good_ones_are_not() {
 }
 
 #[test]
+fn an_output_that_never_changes_is_stuck_unless_the_presses_repeat_it_too() {
+    const HALF_MM: f64 = 15.0;
+    const LARGEST: f64 = 12.0;
+    let mut rng = stream(5, 0, "corners");
+    let mut press = |x_mm: f64, y_mm: f64, force_n: f64| -> Row {
+        let part = |mm: f64, is_positive: bool| 0.5 + if is_positive { 0.5 } else { -0.5 } * mm / HALF_MM;
+        let output = |unit: usize, noise: f64| {
+            let share = part(x_mm, unit % 2 == 1) * part(y_mm, unit / 2 == 1);
+            (10.0 * force_n * share + noise).min(LARGEST)
+        };
+        let outputs = (0..4).map(|unit| output(unit, rng.random_range(-0.03..0.03))).collect();
+        (Place::new(x_mm, y_mm), force_n, outputs)
+    };
+    let at = |index: usize| (index as f64 / 7.0 - 1.0) * HALF_MM;
+    let presses: Vec<Row> =
+        (0..675).map(|i| press(at(i % 15), at(i / 15 % 15), 0.5 + 0.5 * (i / 225) as f64)).collect();
+    let mut places = stream(6, 0, "contacts");
+    let mut somewhere = |least_mm: f64, least_n: f64| {
+        let mut mm = || places.random_range(least_mm..HALF_MM);
+        let (x_mm, y_mm) = (mm(), mm());
+        press(x_mm, y_mm, places.random_range(least_n..1.5))
+    };
+    let anywhere: Vec<Row> = (0..60).map(|_| somewhere(-HALF_MM, 0.5)).collect();
+    let hard: Vec<Row> = (0..400).map(|_| somewhere(13.0, 1.45)).collect();
+    let skin = Calibrated::new("corners", &presses, true, anywhere, None);
+    let mut session = Session::sharing(skin.fits.clone());
+    for (_, _, outputs) in &skin.contacts {
+        let mut outputs = outputs.clone();
+        outputs[2] = 3.125;
+        session.solve(&outputs).unwrap();
+    }
+    assert_eq!(session.at_fault().iter().map(|faulty| faulty.unit).collect::<Vec<_>>(), [2]);
+    let mut saturated = Session::sharing(skin.fits.clone());
+    hard.iter().for_each(|(_, _, outputs)| _ = saturated.solve(outputs));
+    let repeated = hard.iter().filter(|row| row.2[3] == LARGEST).count();
+    println!("{repeated} of {}", hard.len());
+    assert!(repeated > 350);
+    assert_eq!(saturated.changes(), []);
+}
+
+#[test]
 fn a_unit_that_works_again_is_used_again() {
-    let skin = Calibrated::simulated(3, 1.5);
+    let skin = Calibrated::simulated(3, 3, 1.5);
     let mut session = Session::sharing(skin.fits.clone());
     let mut changed_at = Vec::new();
     for (index, (_, _, outputs)) in skin.contacts.iter().enumerate() {
@@ -177,7 +254,7 @@ fn a_unit_that_works_again_is_used_again() {
 
 #[test]
 fn a_search_changes_nothing_until_it_is_accepted() {
-    let skin = Calibrated::simulated(3, 1.5);
+    let skin = Calibrated::simulated(3, 3, 1.5);
     let [mut apart, mut never] = [(); 2].map(|()| Session::sharing(skin.fits.clone()).deferring());
     for (_, _, outputs) in skin.contacts.iter().take(200) {
         let mut outputs = outputs.clone();
@@ -246,13 +323,10 @@ fn units_of_real_skins_at_fault_are_named_and_good_ones_are_not() {
         ("another session, back", passes(&random, 3, &fixed), false),
         ("fluid pad", (of(even), shuffled(of(odd))), true),
     ] {
-        if std::env::var_os("ONLY").is_some_and(|only| only != name) {
-            continue;
-        }
         let skin = Calibrated::new(name, &presses, in_newtons, contacts, None);
         skin.assert_silent();
         until.extend(skin.until_named(3));
     }
-    // outputs of the pad that are weak or stuck are within the spread of its presses
-    assert_named(&until, 85);
+    // a weak output of the pad is within the spread of its presses
+    assert_named(&until, 95);
 }

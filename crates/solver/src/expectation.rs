@@ -3,7 +3,7 @@
 use super::fitted::Answering;
 use super::forward::Forward;
 use super::nearest::NearestPresses;
-use super::{Model, Workspace};
+use super::{Calibration, Model, Workspace};
 use palpate_core::parallel::lock;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -39,8 +39,6 @@ pub(super) struct Expectation {
     scales: Vec<f64>,
     /// Misfits of held-out presses, without these units.
     held_out: Mutex<BTreeMap<Vec<usize>, Arc<HeldOutMisfits>>>,
-    /// Probability that a unit that works repeats its output.
-    repeats: Mutex<BTreeMap<usize, f64>>,
 }
 
 /// Misfits of good contacts.
@@ -76,25 +74,25 @@ fn relative(log_misfit: f64, typical: f64) -> f64 {
     (log_misfit - typical).exp().ln_1p()
 }
 
+/// Least number of units whose readings a map can contradict without one of them. A map of fewer explains nearly every reading, because
+/// its places aren't limited to those of the presses.
+const UNITS_OF_MAP: usize = 6;
 /// Largest number of sets of units whose held-out misfits are kept.
 const MOST_SETS: usize = 2000;
 
 impl Expectation {
     /// Returns the expectation of a model; `None` if it has neither a map nor presses.
     pub(crate) fn of(model: Arc<Model>) -> Option<Self> {
-        let presses = match map_of(&model) {
-            Some(_) => None,
-            None => {
-                let calibration = model.calibration()?.of_units(&model.fitted().kept());
-                Some(NearestPresses::of(&calibration, model.setting().load)?)
-            }
-        };
+        let kept = model.fitted().kept();
+        let map = map_of(&model).filter(|_| kept.len() >= UNITS_OF_MAP);
+        let nearest = |presses: &Calibration| NearestPresses::of(&presses.of_units(&kept), model.setting().load);
+        let presses = if map.is_some() { None } else { model.calibration().and_then(nearest) };
         let scales = match (&presses, map_of(&model)) {
             (None, Some(map)) => map.loudest.clone(),
             (presses, _) => presses.as_ref()?.sizes(),
         };
         let scales = scales.into_iter().map(|scale| scale.max(f64::MIN_POSITIVE)).collect();
-        Some(Expectation { model, presses, scales, held_out: Mutex::default(), repeats: Mutex::default() })
+        Some(Expectation { model, presses, scales, held_out: Mutex::default() })
     }
 
     /// Returns what the model predicts of a reading, of which some units don't count. `None` if nothing explains any of it.
@@ -104,11 +102,6 @@ impl Expectation {
             (None, map) => map?.predict(outputs, without, workspace),
         }
         .filter(|prediction| prediction.log_misfit.is_finite())
-    }
-
-    /// Typical size of each output.
-    pub(crate) fn scales(&self) -> &[f64] {
-        &self.scales
     }
 
     /// Whether two readings in typical sizes are nearly the same without some units, as those of contacts at one place are. Their sizes
@@ -140,10 +133,14 @@ impl Expectation {
         UsualMisfit { typical: Some(misfits.typical), mean, sd, gain_sd }
     }
 
-    /// Probability that a unit that works reads exactly the same in two different contacts that it feels; `None` if no presses show it.
-    pub(crate) fn repeats(&self, unit: usize) -> Option<f64> {
-        let presses = self.presses.as_ref()?;
-        Some(*lock(&self.repeats).entry(unit).or_insert_with(|| presses.repeats(unit)))
+    /// Returns an output in units of the unit's typical size. Outputs that read the same are the same then.
+    pub(crate) fn scaled(&self, unit: usize, output: f64) -> f32 {
+        (output / self.scales[unit]) as f32
+    }
+
+    /// Probability that a unit that works reads a scaled output again in another contact that it feels; `None` if no presses show it.
+    pub(crate) fn repeats(&self, unit: usize, scaled: f32) -> Option<f64> {
+        Some(self.presses.as_ref()?.repeats(unit, |output| self.scaled(unit, output) == scaled))
     }
 
     fn held_out(&self, presses: &NearestPresses, without: &[usize]) -> Arc<HeldOutMisfits> {

@@ -81,6 +81,8 @@ const REMEMBERED_MOST: usize = 500;
 const CONTACTS_MOST: usize = 60;
 /// Number of contacts from which a unit may be named.
 const CONTACTS_LEAST: usize = 20;
+/// Largest number of repeated outputs that count: those of contacts at one side of a skin aren't independent.
+const REPEATED_MOST: usize = 30;
 /// Number of units that are tried, alone and in pairs: those that deviate most.
 const CANDIDATES_MOST: usize = 8;
 /// Least number of units that are left.
@@ -201,7 +203,7 @@ impl FaultEvidence {
                 }
             }
         }
-        let reading = outputs.iter().zip(expectation.scales()).map(|(output, scale)| (output / scale) as f32).collect();
+        let reading = outputs.iter().enumerate().map(|(unit, &output)| expectation.scaled(unit, output)).collect();
         self.contacts.push_back(TriedContact { reading, misfit, tried, felt });
         if self.contacts.len() > REMEMBERED_MOST {
             self.contacts.pop_front();
@@ -219,7 +221,8 @@ impl FaultEvidence {
 
     /// Returns the units to leave out or to use again, if the contacts so far are sufficient.
     fn decide(&self, expectation: &Expectation, units: usize) -> Option<Decision> {
-        if let Some((unit, log_odds)) = (0..units).find_map(|unit| Some((unit, self.stuck(expectation, unit, units)?))) {
+        if let Some((unit, log_odds)) = (0..units).find_map(|unit| Some((unit, self.stuck(expectation, unit, units)?)))
+        {
             return Some(Decision::LeaveOut { units: vec![unit], log_odds });
         }
         let tried = self.contacts.iter().flat_map(|contact| contact.tried.iter().map(|(suspect, _)| suspect));
@@ -263,8 +266,8 @@ impl FaultEvidence {
             return None;
         }
         let contacts = self.different(expectation, &[unit])?;
-        let repeated = contacts.iter().take_while(|contact| contact.reading[unit] == first).count();
-        let log_odds = -(repeated as f64) * expectation.repeats(unit)?.ln() - (units as f64).ln();
+        let repeated = contacts.iter().take_while(|contact| contact.reading[unit] == first).count().min(REPEATED_MOST);
+        let log_odds = -(repeated as f64) * expectation.repeats(unit, first)?.ln() - (units as f64).ln();
         (repeated >= CONTACTS_LEAST && log_odds >= ENOUGH).then_some(log_odds)
     }
 

@@ -128,18 +128,18 @@ impl NearestPresses {
         in_parallel(&self.held, |&press| self.predict_without_place(press, without).0.log_misfit)
     }
 
-    /// Probability that a unit that works reads exactly the same in two contacts that it feels: of held-out presses and those that are
-    /// most alike for the others. It isn't 0, because presses are few.
-    pub(crate) fn repeats(&self, unit: usize) -> f64 {
-        let counted: Vec<usize> = (0..self.units).filter(|other| *other != unit).collect();
-        let is_repeated = in_parallel(&self.held, |&press| {
-            let (row, place) = (self.row(press), Some(self.places[press]));
-            let prediction = self.predicted(row, &[unit], place).0;
-            let is_same = || self.row(self.nearest(row, &counted, place)[0].press)[unit] == row[unit];
-            prediction.is_felt(unit, row[unit]).then(is_same)
-        });
-        let felt = || is_repeated.iter().flatten();
-        (1 + felt().filter(|is_same| **is_same).count()) as f64 / (2 + felt().count()) as f64
+    /// Probability that a unit that works reads an output again in another contact that it feels: of presses that read it, and those that
+    /// are most alike for the others. An output such as that of a saturated unit is repeated often. The probability isn't 0, because
+    /// presses are few.
+    pub(crate) fn repeats(&self, unit: usize, is_output: impl Fn(f64) -> bool + Sync) -> f64 {
+        let others: Vec<usize> = (0..self.units).filter(|other| *other != unit).collect();
+        let output = |press: usize| self.row(press)[unit];
+        let is_felt = |press: usize| self.predict_without_place(press, &[unit]).0.is_felt(unit, output(press));
+        let read = (0..self.places.len()).filter(|&press| is_output(output(press)) && is_felt(press));
+        let read: Vec<usize> = read.take(MOST_HELD).collect();
+        let alike = |press: usize| self.nearest(self.row(press), &others, Some(self.places[press]))[0].press;
+        let again = read.iter().filter(|&&press| is_output(output(alike(press)))).count();
+        (1 + again) as f64 / (2 + read.len()) as f64
     }
 
     fn predict_without_place(&self, press: usize, without: &[usize]) -> (Prediction, f64) {
