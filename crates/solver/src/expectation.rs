@@ -3,10 +3,10 @@
 use super::fitted::Answering;
 use super::forward::Forward;
 use super::nearest::NearestPresses;
-use super::{Calibration, Model, Workspace};
+use super::{Model, Workspace};
 use palpate_core::parallel::lock;
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 /// What a model predicts of a reading, from the outputs that count.
 pub(super) struct Prediction {
@@ -35,6 +35,8 @@ impl Prediction {
 pub(super) struct Expectation {
     model: Arc<Model>,
     presses: Option<NearestPresses>,
+    /// The presses of a model with a map.
+    beside_map: OnceLock<Option<NearestPresses>>,
     /// Typical size of each output.
     scales: Vec<f64>,
     /// Misfits of held-out presses, without these units.
@@ -74,25 +76,22 @@ fn relative(log_misfit: f64, typical: f64) -> f64 {
     (log_misfit - typical).exp().ln_1p()
 }
 
-/// Least number of units whose readings a map can contradict without one of them. A map of fewer explains nearly every reading, because
-/// its places aren't limited to those of the presses.
-const UNITS_OF_MAP: usize = 6;
 /// Largest number of sets of units whose held-out misfits are kept.
 const MOST_SETS: usize = 2000;
 
 impl Expectation {
     /// Returns the expectation of a model; `None` if it has neither a map nor presses.
     pub(crate) fn of(model: Arc<Model>) -> Option<Self> {
-        let kept = model.fitted().kept();
-        let map = map_of(&model).filter(|_| kept.len() >= UNITS_OF_MAP);
-        let nearest = |presses: &Calibration| NearestPresses::of(&presses.of_units(&kept), model.setting().load);
-        let presses = if map.is_some() { None } else { model.calibration().and_then(nearest) };
+        let presses = match map_of(&model) {
+            Some(_) => None,
+            None => Some(nearest_presses(&model)?),
+        };
         let scales = match (&presses, map_of(&model)) {
             (None, Some(map)) => map.loudest.clone(),
             (presses, _) => presses.as_ref()?.sizes(),
         };
         let scales = scales.into_iter().map(|scale| scale.max(f64::MIN_POSITIVE)).collect();
-        Some(Expectation { model, presses, scales, held_out: Mutex::default() })
+        Some(Expectation { model, presses, beside_map: OnceLock::new(), scales, held_out: Mutex::default() })
     }
 
     /// Returns what the model predicts of a reading, of which some units don't count. `None` if nothing explains any of it.
@@ -107,16 +106,13 @@ impl Expectation {
     /// Whether two readings in typical sizes are nearly the same without some units, as those of contacts at one place are. Their sizes
     /// count only if the model is one of several loads.
     pub(crate) fn is_alike(&self, one: &[f32], other: &[f32], without: &[usize]) -> bool {
-        let product = |a: &[f32], b: &[f32]| -> f32 {
-            a.iter().zip(b).enumerate().filter(|(unit, _)| !without.contains(unit)).map(|(_, (a, b))| a * b).sum()
-        };
-        let (one_square, other_square, between) = (product(one, one), product(other, other), product(one, other));
-        if self.presses.as_ref().is_none_or(NearestPresses::is_scaled) {
-            let lengths = (one_square * other_square).sqrt();
-            // the square of the distance of two directions is twice 1 minus their cosine
-            return 2.0 * (lengths - between) < ALIKE * ALIKE * lengths;
+        if !self.presses.as_ref().is_none_or(NearestPresses::is_scaled) {
+            return is_near(one, other, without);
         }
-        one_square + other_square - 2.0 * between < ALIKE * ALIKE * one_square.max(other_square)
+        let [one_square, other_square, between] = products(one, other, without);
+        let lengths = (one_square * other_square).sqrt();
+        // the square of the distance of two directions is twice 1 minus their cosine
+        2.0 * (lengths - between) < ALIKE * ALIKE * lengths
     }
 
     /// Returns the misfits of good contacts without some units, compared with those without fewer units.
@@ -138,9 +134,12 @@ impl Expectation {
         (output / self.scales[unit]) as f32
     }
 
-    /// Probability that a unit that works reads a scaled output again in another contact that it feels; `None` if no presses show it.
+    /// Probability that a unit that works reads a scaled output again in another contact that it feels; `None` if no presses
+    /// show it, or if they repeat it.
     pub(crate) fn repeats(&self, unit: usize, scaled: f32) -> Option<f64> {
-        Some(self.presses.as_ref()?.repeats(unit, |output| self.scaled(unit, output) == scaled))
+        let beside_map = || self.beside_map.get_or_init(|| nearest_presses(&self.model)).as_ref();
+        let presses = self.presses.as_ref().or_else(beside_map)?;
+        presses.repeats(unit, |output| self.scaled(unit, output) == scaled)
     }
 
     fn held_out(&self, presses: &NearestPresses, without: &[usize]) -> Arc<HeldOutMisfits> {
@@ -159,6 +158,25 @@ impl Expectation {
         held_out.insert(without.to_vec(), found.clone());
         found
     }
+}
+
+/// Whether two readings in typical sizes are nearly the same without some units, also in size.
+pub(super) fn is_near(one: &[f32], other: &[f32], without: &[usize]) -> bool {
+    let [one_square, other_square, between] = products(one, other, without);
+    one_square + other_square - 2.0 * between < ALIKE * ALIKE * one_square.max(other_square)
+}
+
+/// Returns the squares of two readings without some units, and their product.
+fn products(one: &[f32], other: &[f32], without: &[usize]) -> [f32; 3] {
+    let product = |a: &[f32], b: &[f32]| {
+        a.iter().zip(b).enumerate().filter(|(unit, _)| !without.contains(unit)).map(|(_, (a, b))| a * b).sum()
+    };
+    [product(one, one), product(other, other), product(one, other)]
+}
+
+fn nearest_presses(model: &Model) -> Option<NearestPresses> {
+    let calibration = model.calibration()?.of_units(&model.fitted().kept());
+    NearestPresses::of(&calibration, model.setting().load)
 }
 
 fn map_of(model: &Model) -> Option<&Forward> {

@@ -1,6 +1,6 @@
 //! Finds units that broke since the calibration, and units that work again.
 
-use super::expectation::{Expectation, Prediction, mean_and_sd};
+use super::expectation::{Expectation, Prediction, is_near, mean_and_sd};
 use super::{Broken, Fits, Fitted, OutputFault, Workspace};
 use palpate_core::parallel::lock;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -245,12 +245,11 @@ impl FaultEvidence {
         works.map(|(unit, _)| Decision::TakeBack(*unit))
     }
 
-    /// Returns the last contacts that some units felt and that differ without them, because the model's errors at one place would count
-    /// several times. `None` if they are too few.
-    fn different(&self, expectation: &Expectation, units: &[usize]) -> Option<Vec<&TriedContact>> {
+    /// Returns the last contacts that some units felt and of which no two are alike. `None` if they are too few.
+    fn different(&self, units: &[usize], is_alike: impl Fn(&[f32], &[f32]) -> bool) -> Option<Vec<&TriedContact>> {
         let mut contacts: Vec<&TriedContact> = Vec::new();
         for contact in self.contacts.iter().rev().filter(|contact| contact.is_felt_by(units)) {
-            let is_new = |other: &&TriedContact| !expectation.is_alike(&other.reading, &contact.reading, units);
+            let is_new = |other: &&TriedContact| !is_alike(&other.reading, &contact.reading);
             if contacts.len() < CONTACTS_MOST && contacts.iter().all(is_new) {
                 contacts.push(contact);
             }
@@ -265,7 +264,7 @@ impl FaultEvidence {
         if self.left_out.contains(&unit) || !felt.all(|contact| contact.reading[unit] == first) {
             return None;
         }
-        let contacts = self.different(expectation, &[unit])?;
+        let contacts = self.different(&[unit], |one, other| is_near(one, other, &[unit]))?;
         let repeated = contacts.iter().take_while(|contact| contact.reading[unit] == first).count().min(REPEATED_MOST);
         let log_odds = -(repeated as f64) * expectation.repeats(unit, first)?.ln() - (units as f64).ln();
         (repeated >= CONTACTS_LEAST && log_odds >= ENOUGH).then_some(log_odds)
@@ -281,7 +280,8 @@ impl FaultEvidence {
         units: usize,
     ) -> Option<f64> {
         let usual = expectation.usual(&with(&self.left_out, suspect), &self.left_out);
-        let contacts = self.different(expectation, suspect)?;
+        // the model's errors at one place would count several times
+        let contacts = self.different(suspect, |one, other| expectation.is_alike(one, other, suspect))?;
         let own: Vec<f64> = contacts.iter().map(|contact| contact.without(suspect)).collect();
         let rest = own.iter().sum::<f64>() / own.len() as f64;
         let sigmas = |other: &[usize]| {

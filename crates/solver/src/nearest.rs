@@ -128,18 +128,14 @@ impl NearestPresses {
         in_parallel(&self.held, |&press| self.predict_without_place(press, without).0.log_misfit)
     }
 
-    /// Probability that a unit that works reads an output again in another contact that it feels: of presses that read it, and those that
-    /// are most alike for the others. An output such as that of a saturated unit is repeated often. The probability isn't 0, because
-    /// presses are few.
-    pub(crate) fn repeats(&self, unit: usize, is_output: impl Fn(f64) -> bool + Sync) -> f64 {
+    /// Probability that a unit that works reads an output again in another contact that it feels. It isn't 0, because presses are few.
+    /// `None` if a press that read it and the one that is most alike for the other units repeat it, as those of a saturated unit do.
+    pub(crate) fn repeats(&self, unit: usize, is_output: impl Fn(f64) -> bool) -> Option<f64> {
         let others: Vec<usize> = (0..self.units).filter(|other| *other != unit).collect();
-        let output = |press: usize| self.row(press)[unit];
-        let is_felt = |press: usize| self.predict_without_place(press, &[unit]).0.is_felt(unit, output(press));
-        let read = (0..self.places.len()).filter(|&press| is_output(output(press)) && is_felt(press));
-        let read: Vec<usize> = read.take(MOST_HELD).collect();
+        let reads = |press: usize| is_output(self.row(press)[unit]);
+        let read: Vec<usize> = (0..self.places.len()).filter(|&press| reads(press)).take(MOST_HELD).collect();
         let alike = |press: usize| self.nearest(self.row(press), &others, Some(self.places[press]))[0].press;
-        let again = read.iter().filter(|&&press| is_output(output(alike(press)))).count();
-        (1 + again) as f64 / (2 + read.len()) as f64
+        (!read.iter().any(|&press| reads(alike(press)))).then(|| 1.0 / (2 + read.len()) as f64)
     }
 
     fn predict_without_place(&self, press: usize, without: &[usize]) -> (Prediction, f64) {
@@ -241,5 +237,30 @@ fn weights(off: &[Vec<f64>], counted: f64) -> Vec<f64> {
         let mut weights = vec![0.0; off.len()];
         used.iter().zip(solved).for_each(|(&press, weight)| weights[press] = weight / sum);
         return weights;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::CalibrationPoint;
+    use palpate_core::quantity::Place;
+
+    #[test]
+    fn a_saturated_output_is_repeated_and_another_one_is_not() {
+        const LARGEST: f64 = 10.0;
+        let place = |press: usize| Place::new((press % 15) as f64, (press / 15) as f64);
+        let outputs = |press: usize| {
+            let Place { x_mm, y_mm } = place(press);
+            vec![(x_mm + 0.1 * y_mm).min(LARGEST), 14.0 - x_mm + 0.01 * y_mm, y_mm + 0.001 * x_mm, 14.0 - y_mm]
+        };
+        let rows: Vec<Vec<f64>> = (0..225).map(outputs).collect();
+        let point = |(press, outputs)| CalibrationPoint { place: place(press), force_n: 1.0, outputs };
+        let points: Vec<_> = rows.iter().map(Vec::as_slice).enumerate().map(point).collect();
+        let presses = NearestPresses::of(&Calibration::new(&points).unwrap(), ForceKnown::Unknown).unwrap();
+        assert_eq!(presses.repeats(0, |output| output == LARGEST), None);
+        assert_eq!(presses.repeats(0, |output| output == 3.25), Some(0.5));
+        // two presses far from each other read it
+        assert_eq!(presses.repeats(0, |output| output == 3.0), Some(0.25));
     }
 }
