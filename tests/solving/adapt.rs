@@ -3,7 +3,8 @@
 use palpate_core::quantity::{ArrayLayout, Place, stream};
 use palpate_sim::scene::{Skin, SkinSpec, Taxels};
 use palpate_solver::{
-    Adapted, Calibration, CalibrationPoint, ContactVerdict, Fitted, HalfWidths, Setting, Solver as _, Workspace, fit,
+    Adapted, Calibration, CalibrationPoint, ContactVerdict, Fitted, HalfWidths, Setting, Solution, Solver as _,
+    Workspace, fit,
 };
 use palpate_testing::skins::scene_t;
 use palpate_testing::{TestFolder, campaign};
@@ -70,10 +71,14 @@ pub(super) struct Found {
 
 impl Found {
     pub(super) fn of(fitted: &Fitted, test: &[AdaptRow]) -> Self {
+        Found::by(|outputs, workspace| fitted.solve(outputs, workspace).unwrap(), test)
+    }
+
+    pub(super) fn by(mut solve: impl FnMut(&[f64], &mut Workspace) -> Solution, test: &[AdaptRow]) -> Self {
         let (mut workspace, mut found) = (Workspace::default(), Found::default());
         let each = 1.0 / test.len() as f64;
         for (place, force_n, outputs) in test {
-            let solution = fitted.solve(outputs, &mut workspace).unwrap();
+            let solution = solve(outputs, &mut workspace);
             let off_mm = solution.place.distance_mm(*place);
             found.location_mm += each * off_mm;
             found.force_n += each * (solution.force_n - force_n).abs();

@@ -192,7 +192,9 @@ impl<'a> NewSession<'a> {
         let (fitted, presses, change) = self.fit(trials.update, self.new)?;
         let answers: Vec<HeldAnswer> = trials.answers.iter().flatten().copied().collect();
         let rescaled = Rescaled::of(&answers, self.older.fit(self.new).forces_are_known);
-        Ok((Model::of(fitted.rescaled(&rescaled), presses, &self.setting), change))
+        // another fit of the new presses alone has its own trials
+        let needed = (trials.update != Update::NewAlone).then_some(rescaled);
+        Ok((Model::of(fitted.rescaled(&rescaled).needing(needed), presses, &self.setting), change))
     }
 
     /// Returns the presses of the selected parts.

@@ -1,10 +1,11 @@
 //! Stated errors and limits of a method after presses to which it wasn't fitted.
 
 use super::{CalibrationPoint, Fitted, HalfWidths, MeanErrors, Solution, Solver as _, Workspace};
+use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Factors for what a method states: its half-widths, and its limits of a misfit.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Rescaled {
     /// Factors of the 68 % and the 95 % half-width of the location.
     pub location: [f64; 2],
@@ -83,6 +84,12 @@ impl Rescaled {
             false => [1.0; 2],
         };
         Rescaled { location, force, map_error, misfit }
+    }
+
+    /// Whether all factors are positive numbers.
+    pub(crate) fn is_sound(&self) -> bool {
+        let Rescaled { location: [a, b], force: [c, d], map_error, misfit } = *self;
+        [a, b, c, d, map_error, misfit].iter().all(|factor| factor.is_finite() && *factor > 0.0)
     }
 }
 
