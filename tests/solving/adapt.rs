@@ -133,7 +133,7 @@ fn found(counts: &[usize], contacts_of: impl Fn(usize) -> Vec<(Place, f64)>) -> 
 #[test]
 fn sensor_of_the_same_family_needs_few_presses() {
     let all = [(5, 0.27, 2.0), (9, 0.24, 1.25), (50, 0.23, 1.25)];
-    let tried = if campaign::is_quick() { &all[1..2] } else { &all[..] };
+    let tried = if campaign::is_quick() { &all[..2] } else { &all[..] };
     let counts: Vec<usize> = tried.iter().map(|(count, ..)| *count).collect();
     let (before, after, full) = found(&counts, few);
     for (after, &(_, most_mm, most_times)) in after.iter().zip(tried) {

@@ -1,6 +1,7 @@
 //! Result of a fit: a method ready to solve.
 
 use super::appraised::Appraised;
+use super::broken::kept;
 use super::by_load::{ByLoad, Lengths, LoadGain};
 use super::forward::Forward;
 use super::pearson::check;
@@ -143,8 +144,7 @@ impl Fitted {
 
     /// Returns the same method for an array of `units`, of which some are left out.
     pub(super) fn without(self, broken: Vec<Broken>, units: usize) -> Self {
-        let is_kept = |unit: &usize| broken.iter().all(|broken| broken.unit != *unit);
-        let kept = (!broken.is_empty()).then(|| (0..units).filter(is_kept).collect());
+        let kept = (!broken.is_empty()).then(|| kept(units, &broken));
         Fitted { units, kept, broken, ..self }
     }
 

@@ -70,15 +70,22 @@ impl Model {
     }
 
     /// Returns the model with half-widths from presses that it wasn't fitted to. Other methods than an inverted map stay as they
-    /// are.
+    /// are, and so does a model whose half-widths come from its own presses, each held out.
     #[must_use]
     pub fn with_half_widths_of(self, test: &Calibration) -> Self {
+        if self.fitted.needed().is_some() {
+            return self;
+        }
         Model { fitted: self.fitted.with_half_widths_of(test), ..self }
     }
 
-    /// Returns the model without half-widths, for an evaluation on the presses that gave them.
+    /// Returns the model without the half-widths of [`with_half_widths_of`](Self::with_half_widths_of), for an evaluation on the presses
+    /// that gave them.
     #[must_use]
     pub fn without_half_widths(self) -> Self {
+        if self.fitted.needed().is_some() {
+            return self;
+        }
         Model { fitted: self.fitted.without_half_widths(), ..self }
     }
 
