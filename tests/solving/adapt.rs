@@ -3,7 +3,8 @@
 use palpate_core::quantity::{ArrayLayout, Place, stream};
 use palpate_sim::scene::{Skin, SkinSpec, Taxels};
 use palpate_solver::{
-    Adapted, Calibration, CalibrationPoint, ContactVerdict, Fitted, HalfWidths, Setting, Solver as _, Workspace, fit,
+    Adapted, Calibration, CalibrationPoint, ContactVerdict, Fitted, HalfWidths, Setting, Solution, Solver as _,
+    Workspace, fit,
 };
 use palpate_testing::skins::scene_t;
 use palpate_testing::{TestFolder, campaign};
@@ -70,10 +71,14 @@ pub(super) struct Found {
 
 impl Found {
     pub(super) fn of(fitted: &Fitted, test: &[AdaptRow]) -> Self {
+        Found::by(|outputs, workspace| fitted.solve(outputs, workspace).unwrap(), test)
+    }
+
+    pub(super) fn by(mut solve: impl FnMut(&[f64], &mut Workspace) -> Solution, test: &[AdaptRow]) -> Self {
         let (mut workspace, mut found) = (Workspace::default(), Found::default());
         let each = 1.0 / test.len() as f64;
         for (place, force_n, outputs) in test {
-            let solution = fitted.solve(outputs, &mut workspace).unwrap();
+            let solution = solve(outputs, &mut workspace);
             let off_mm = solution.place.distance_mm(*place);
             found.location_mm += each * off_mm;
             found.force_n += each * (solution.force_n - force_n).abs();
@@ -128,7 +133,7 @@ fn found(counts: &[usize], contacts_of: impl Fn(usize) -> Vec<(Place, f64)>) -> 
 #[test]
 fn sensor_of_the_same_family_needs_few_presses() {
     let all = [(5, 0.27, 2.0), (9, 0.24, 1.25), (50, 0.23, 1.25)];
-    let tried = if campaign::is_quick() { &all[1..2] } else { &all[..] };
+    let tried = if campaign::is_quick() { &all[..2] } else { &all[..] };
     let counts: Vec<usize> = tried.iter().map(|(count, ..)| *count).collect();
     let (before, after, full) = found(&counts, few);
     for (after, &(_, most_mm, most_times)) in after.iter().zip(tried) {

@@ -1,5 +1,6 @@
 //! Chooses the method with the smallest errors on held-out presses.
 
+use super::expectation::mean_and_sd;
 use super::fitted::{Tie, TriedMethod};
 use super::heldout::HeldPress;
 use palpate_core::quantity::Place;
@@ -104,10 +105,11 @@ impl MethodTrials {
     pub(crate) fn lead_sigmas(&self, other: &MethodTrials) -> f64 {
         let errors = other.location_errors().into_iter().zip(self.location_errors());
         let means = self.by_place(errors.map(|(other, own)| other - own));
-        let Some(lead) = mean(&means) else { return 0.0 };
-        let n = means.len() as f64;
-        let variance = means.iter().map(|mean| (mean - lead).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-        lead / (variance / n).sqrt()
+        if means.is_empty() {
+            return 0.0;
+        }
+        let (lead, sd) = mean_and_sd(means.iter().copied());
+        lead / (sd / (means.len() as f64 - 1.0).max(1.0).sqrt())
     }
 }
 

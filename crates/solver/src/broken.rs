@@ -53,6 +53,11 @@ pub fn broken(calibration: &Calibration) -> Vec<Broken> {
     (0..calibration.units()).filter_map(|unit| Some(Broken { unit, fault: fault(calibration, unit)? })).collect()
 }
 
+/// Returns the units of an array that aren't excluded.
+pub(super) fn kept(units: usize, broken: &[Broken]) -> Vec<usize> {
+    (0..units).filter(|unit| broken.iter().all(|broken| broken.unit != *unit)).collect()
+}
+
 fn fault(calibration: &Calibration, unit: usize) -> Option<OutputFault> {
     let outputs = || calibration.points().map(|point| point.outputs[unit]);
     let (least, most) =

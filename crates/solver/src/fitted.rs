@@ -1,6 +1,7 @@
 //! Result of a fit: a method ready to solve.
 
 use super::appraised::Appraised;
+use super::broken::kept;
 use super::by_load::{ByLoad, Lengths, LoadGain};
 use super::forward::Forward;
 use super::pearson::check;
@@ -23,6 +24,10 @@ pub struct Fitted {
     choice: Option<Choice>,
     /// Factors by which the stated errors of location and of force are multiplied.
     widened: [f64; 2],
+    /// Factors that are already in the half-widths and the limits, and that another fit to these presses needs too. A sensor file has
+    /// them after the model.
+    #[serde(skip)]
+    rescaled: Option<Rescaled>,
     /// Lengths of the calibration's readings, if all have one unknown load and no second method has them.
     lengths: Option<Lengths>,
     /// Curve by which solved forces are intensities of depths. A sensor file has it after the model.
@@ -131,6 +136,7 @@ impl Fitted {
             broken: Vec::new(),
             choice: None,
             widened: [1.0; 2],
+            rescaled: None,
             lengths: None,
             depth: None,
         }
@@ -138,8 +144,7 @@ impl Fitted {
 
     /// Returns the same method for an array of `units`, of which some are left out.
     pub(super) fn without(self, broken: Vec<Broken>, units: usize) -> Self {
-        let is_kept = |unit: &usize| broken.iter().all(|broken| broken.unit != *unit);
-        let kept = (!broken.is_empty()).then(|| (0..units).filter(is_kept).collect());
+        let kept = (!broken.is_empty()).then(|| kept(units, &broken));
         Fitted { units, kept, broken, ..self }
     }
 
@@ -195,9 +200,23 @@ impl Fitted {
         self
     }
 
+    /// Returns the method with the factors that another fit to its presses needs, which aren't applied here.
+    pub(super) fn needing(self, rescaled: Option<Rescaled>) -> Self {
+        Fitted { rescaled, ..self }
+    }
+
+    /// Returns the factors that another fit to the presses needs; `None` if what its trials show is right.
+    pub(super) fn needed(&self) -> Option<&Rescaled> {
+        self.rescaled.as_ref()
+    }
+
     /// Returns the same fit with another fit's factors for the stated errors.
-    pub(super) fn widened_as(self, other: &Fitted) -> Self {
-        Fitted { widened: other.widened, ..self }
+    pub(super) fn stating_as(self, other: &Fitted) -> Self {
+        let fitted = Fitted { widened: other.widened, ..self };
+        match &other.rescaled {
+            Some(rescaled) => fitted.rescaled(rescaled),
+            None => fitted,
+        }
     }
 
     /// Returns the factor of the stated errors of a contact that doesn't have the load of the calibration. The pattern of a skin may

@@ -168,6 +168,11 @@ impl Forward {
         self.widths = half_widths(&trials);
     }
 
+    /// Returns the same map with the half-widths of normal errors.
+    pub(crate) fn stating_normal_errors(self) -> Self {
+        Forward { widths: Some(Widths::NORMAL), ..self }
+    }
+
     /// Multiplies the half-widths and the limits of a misfit.
     pub(crate) fn rescale(&mut self, rescaled: &Rescaled) {
         self.widths = self.widths.map(|widths| widths.rescaled(rescaled));

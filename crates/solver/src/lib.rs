@@ -64,6 +64,7 @@ mod calibration;
 pub mod causes;
 mod centred;
 mod chart;
+mod competition;
 mod correction;
 mod correlation;
 mod depth_curve;

@@ -3,6 +3,7 @@
 use super::field::CalibratedArea;
 use super::fitted::Answering;
 use super::forward::Forward;
+use super::rescaled::Rescaled;
 use super::{Broken, Calibration, DepthCurve, FitError, Fitted, ForceKnown, PreparedCalibration, Setting};
 use palpate_core::quantity::ArrayLayout;
 use serde::{Deserialize, Serialize};
@@ -69,15 +70,22 @@ impl Model {
     }
 
     /// Returns the model with half-widths from presses that it wasn't fitted to. Other methods than an inverted map stay as they
-    /// are.
+    /// are, and so does a model whose half-widths come from its own presses, each held out.
     #[must_use]
     pub fn with_half_widths_of(self, test: &Calibration) -> Self {
+        if self.fitted.needed().is_some() {
+            return self;
+        }
         Model { fitted: self.fitted.with_half_widths_of(test), ..self }
     }
 
-    /// Returns the model without half-widths, for an evaluation on the presses that gave them.
+    /// Returns the model without the half-widths of [`with_half_widths_of`](Self::with_half_widths_of), for an evaluation on the presses
+    /// that gave them.
     #[must_use]
     pub fn without_half_widths(self) -> Self {
+        if self.fitted.needed().is_some() {
+            return self;
+        }
         Model { fitted: self.fitted.without_half_widths(), ..self }
     }
 
@@ -136,15 +144,16 @@ impl Model {
     }
 
     /// Serialises the complete model as bytes (postcard, whose specification is version 1), with exact numbers. The curve of a model
-    /// that solves depths follows as a second value.
+    /// that solves depths follows as a second value, or the factors of the errors that `adapt` found.
     ///
     /// # Errors
     /// No known case.
     pub fn to_bytes(&self) -> Result<Vec<u8>, ModelError> {
         let bytes = postcard::to_allocvec(self)?;
-        match self.fitted.depth_curve() {
-            Some(curve) => Ok(postcard::to_extend(curve, bytes)?),
-            None => Ok(bytes),
+        match (self.fitted.depth_curve(), self.fitted.needed()) {
+            (Some(curve), _) => Ok(postcard::to_extend(curve, bytes)?),
+            (None, Some(rescaled)) => Ok(postcard::to_extend(rescaled, bytes)?),
+            (None, None) => Ok(bytes),
         }
     }
 
@@ -154,7 +163,13 @@ impl Model {
     /// The bytes aren't a model of this version.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, ModelError> {
         let (mut model, rest): (Model, &[u8]) = postcard::take_from_bytes(bytes)?;
-        if !rest.is_empty() {
+        // no curve has as many bytes as the factors
+        if let Ok((rescaled, [])) = postcard::take_from_bytes::<Rescaled>(rest) {
+            if !rescaled.is_sound() {
+                return Err(postcard::Error::DeserializeBadEncoding.into());
+            }
+            model.fitted = model.fitted.needing(Some(rescaled));
+        } else if !rest.is_empty() {
             let curve: DepthCurve = postcard::from_bytes(rest)?;
             if !curve.is_sound() {
                 return Err(postcard::Error::DeserializeBadEncoding.into());
@@ -172,7 +187,7 @@ impl Model {
         let broken = [self.fitted.broken(), units].concat();
         let fitted = PreparedCalibration::without(calibration, &self.setting(), broken)
             .and_then(|prepared| prepared.fit_like(&self.fitted))
-            .map(|fitted| fitted.widened_as(&self.fitted));
+            .map(|fitted| fitted.stating_as(&self.fitted));
         Some(fitted)
     }
 }

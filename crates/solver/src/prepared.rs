@@ -3,7 +3,7 @@
 use super::appraised::Appraised;
 use super::best::MethodTrials;
 use super::blend::{Blend, MemberErrors};
-use super::broken::broken;
+use super::broken::{broken, kept};
 use super::by_load::{Both, ByLoad, Earned, LOADS, Lengths};
 use super::extra_trees::ExtraTrees;
 use super::field::CalibratedArea;
@@ -134,8 +134,7 @@ impl<'a> PreparedCalibration<'a> {
         if broken.is_empty() {
             return Ok(prepared(calibration, None, broken));
         }
-        let is_kept = |unit: &usize| broken.iter().all(|broken| broken.unit != *unit);
-        let kept: Vec<usize> = (0..units).filter(is_kept).collect();
+        let kept = kept(units, &broken);
         if kept.is_empty() {
             return Err(FitError::NothingToTellApart);
         }
@@ -159,9 +158,7 @@ impl<'a> PreparedCalibration<'a> {
     /// Fits a method to other presses of the array, with the correlations of this calibration. Its errors are those of this
     /// calibration's trials.
     pub(super) fn fit_again(&self, name: &str, presses: &Calibration) -> Result<Fitted, FitError> {
-        let kept: Vec<usize> =
-            (0..self.units).filter(|unit| self.broken.iter().all(|broken| broken.unit != *unit)).collect();
-        let method = self.fit_part(&presses.of_units(&kept), name)?;
+        let method = self.fit_part(&presses.of_units(&kept(self.units, &self.broken)), name)?;
         Ok(self.left_out(self.fitted(self.stating(method, &self.tried(name)?)?)))
     }
 

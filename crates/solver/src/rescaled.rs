@@ -1,10 +1,12 @@
 //! Stated errors and limits of a method after presses to which it wasn't fitted.
 
+use super::expectation::mean_and_sd;
 use super::{CalibrationPoint, Fitted, HalfWidths, MeanErrors, Solution, Solver as _, Workspace};
+use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Factors for what a method states: its half-widths, and its limits of a misfit.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Rescaled {
     /// Factors of the 68 % and the 95 % half-width of the location.
     pub location: [f64; 2],
@@ -57,6 +59,9 @@ impl HeldAnswer {
 }
 
 impl Rescaled {
+    /// No change.
+    pub(crate) const NONE: Rescaled = Rescaled { location: [1.0; 2], force: [1.0; 2], map_error: 1.0, misfit: 1.0 };
+
     /// Returns the factors that held-out presses show. Errors larger than stated are the map's, which is that of another session. What
     /// its growth doesn't explain is a factor of the half-widths (conformal prediction with a scaled score, Lei et al. 2018, section 5.2).
     pub(crate) fn of(answers: &[HeldAnswer], forces_are_known: bool) -> Self {
@@ -84,6 +89,12 @@ impl Rescaled {
         };
         Rescaled { location, force, map_error, misfit }
     }
+
+    /// Whether all factors are positive numbers.
+    pub(crate) fn is_sound(&self) -> bool {
+        let Rescaled { location: [a, b], force: [c, d], map_error, misfit } = *self;
+        [a, b, c, d, map_error, misfit].iter().all(|factor| factor.is_finite() && *factor > 0.0)
+    }
 }
 
 /// Returns the score that a further score doesn't exceed with a probability: the order statistic of rank (n + 1) p, interpolated. Beyond
@@ -106,11 +117,11 @@ fn within(mut scores: Vec<f64>, share: f64) -> f64 {
 /// largest value, because all are those of sound contacts, and their tail may be longer.
 fn upper_bound(values: &[f64]) -> f64 {
     let logs: Vec<f64> = values.iter().filter(|value| **value > 0.0).map(|value| value.ln()).collect();
+    let (mean, sd) = mean_and_sd(logs.iter().copied());
     let (count, free) = (logs.len() as f64, logs.len() as f64 - 1.0);
-    let mean = logs.iter().sum::<f64>() / count;
-    let variance = logs.iter().map(|log| (log - mean).powi(2)).sum::<f64>() / free;
     let sigmas = StudentsT::new(0.0, 1.0, free).map_or(0.0, |t| t.inverse_cdf(1.0 - BEYOND));
-    let bound = (mean + sigmas * (variance * (1.0 + 1.0 / count)).sqrt()).exp();
+    // the uncertainty of the mean and of the standard deviation counts too
+    let bound = (mean + sigmas * sd * ((count + 1.0) / free).sqrt()).exp();
     let largest = values.iter().copied().fold(1.0, f64::max);
     if bound.is_finite() { bound.max(largest) } else { largest }
 }

@@ -62,13 +62,17 @@ const FAR_FROM_NOISE: f64 = 1.4;
 /// Fractions of errors that the half-widths contain.
 const SHARES: [f64; 2] = [0.68, 0.95];
 
-/// Distance that contains 68 % of normal errors, divided by the square root of the sum of the variances of x and y.
+/// Distance that contains 68 % of normal errors, divided by the square root of the sum of the variances of x and y; and 95 %.
 const NORMAL_68: f64 = 1.0675;
+const NORMAL_95: f64 = 1.7308;
 
 /// Least number of presses from which the factors can be learned.
 pub(super) const FEWEST_TRIALS: usize = 20;
 
 impl Widths {
+    /// Those of normal errors, whose covariance is the stated one.
+    pub(crate) const NORMAL: Widths = Widths { location: [NORMAL_68, NORMAL_95], force: [1.0, 1.96], map_error: 1.0 };
+
     /// Returns the half-widths that trials show; `None` if there are few trials. `scale` gives the scales of a trial's errors: of
     /// the location, mm, and of the force, N, and the part of their squares that is due to the map's error.
     pub(crate) fn of<'t>(

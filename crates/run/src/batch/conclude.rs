@@ -7,7 +7,7 @@ use palpate_data::dataset::calibration::calibration_of_run;
 use palpate_data::dataset::evaluate::{EvaluateError, Trial};
 use palpate_data::dataset::{Evidence, Presses, Recorded};
 use palpate_data::recipe::Phase;
-use palpate_solver::{Belongs, Deviation, FamilySensor, ForceKnown, Model, Prior, Setting, UnitChange};
+use palpate_solver::{Belongs, Deviation, FamilySensor, ForceKnown, Model, Prior, Setting, UnitChange, Update};
 
 /// What decides about a sensor.
 #[derive(Clone, Copy)]
@@ -93,6 +93,7 @@ impl Conclusion {
     ) {
         let too_large = basis.enough_mm.filter(|enough_mm| family_sensor.expected_mm > *enough_mm && !is_last);
         let too_large = too_large.and_then(|enough_mm| Some((enough_mm, basis.prior?.least_mm(&family_sensor))));
+        let of_another_way = other_way(&family_sensor);
         let FamilySensor { model, change, belongs, expected_mm, .. } = family_sensor;
         self.change = change.units;
         let by_model = |rule: &AcceptanceRule| {
@@ -121,6 +122,7 @@ impl Conclusion {
                 self.reasons.push(text("calibrated without the prior", &deviations));
             }
             Belongs::Typical => {
+                self.reasons.extend(of_another_way);
                 if let Some((enough_mm, least_mm)) = too_large {
                     let reason = format!("expected error {expected_mm:.3} mm, above the {enough_mm} mm of `enough_mm`");
                     self.needs_more = expected_mm > WORTHWHILE * least_mm;
@@ -138,6 +140,19 @@ impl Conclusion {
             }
         }
     }
+}
+
+/// States which way the presses preferred to that of the prior, if they did.
+fn other_way(family_sensor: &FamilySensor) -> Option<String> {
+    let FamilySensor { update, tried, .. } = family_sensor;
+    let (own, chosen) = (tried.first()?, tried.iter().find(|tried| tried.update == *update)?);
+    let how = match update {
+        Update::Corrected => "calibrated with a correction of the prior's map",
+        Update::NewAlone => "calibrated by the sensor's presses alone",
+        _ => return None,
+    };
+    let [chosen_mm, own_mm] = [chosen, own].map(|tried| tried.held_out.location_mm);
+    Some(format!("{how}: mean error {chosen_mm:.3} mm on held-out presses, with the prior's map {own_mm:.3} mm"))
 }
 
 /// Ratio of the expected error to the least possible one from which more presses are worth their time.

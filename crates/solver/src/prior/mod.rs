@@ -8,6 +8,7 @@
 mod belongs;
 mod order;
 mod posterior;
+mod sensor;
 mod spread;
 
 pub use belongs::{Belongs, Deviation};
@@ -15,14 +16,16 @@ pub use spread::DesignSpread;
 pub use spread::Deviations;
 
 use super::adapt::{AdaptableMap, Fit, Moved};
+use super::correction::Correction;
 use super::field::SplineField;
 use super::forward::{Forward, MapKind};
 use super::response::ForwardResponse;
 use super::surrogate::surrogate;
-use super::{ArrayChange, Calibration, CalibrationPoint, FitError, Model, Setting};
+use super::{ArrayChange, Calibration, CalibrationPoint, FitError, Model, Setting, TriedUpdate, Update};
 use palpate_core::algebra::Matrix;
 use palpate_core::quantity::{ArrayLayout, Place};
-use posterior::{ArrayPosterior, informed};
+use posterior::informed;
+use sensor::{ChosenModel, NewSensor};
 use std::borrow::Cow;
 
 /// What full calibrations of some sensors show about the next sensor of their design.
@@ -40,6 +43,11 @@ pub struct Prior {
 pub struct FamilySensor {
     /// The method for this sensor.
     pub model: Model,
+    /// Way in which the method was made: [`Update::GainsAndPlaces`], the design's map after a change of gains, places and widths, unless
+    /// another one leads it on held-out presses by more than chance.
+    pub update: Update,
+    /// Every way that was tried, the design's map first; empty with few presses, and for a sensor that isn't typical.
+    pub tried: Vec<TriedUpdate>,
     /// Change of each output, compared with the design's typical sensor.
     pub change: ArrayChange,
     /// Whether the presses are those of a sensor of this design.
@@ -162,34 +170,45 @@ impl Prior {
         }
     }
 
-    /// Calibrates a new sensor with few presses.
+    /// Calibrates a new sensor with few presses. From 20 presses of a typical sensor on, three ways compete: the changed map of
+    /// the design, this map with a correction, and the presses alone. Half-widths and the limit of a misfit then come from the presses, each
+    /// held out.
     ///
     /// # Errors
     /// The presses are of another array, or their forces are unknown.
     pub fn family_sensor(&self, new: &Calibration, setting: &Setting<'_>) -> Result<FamilySensor, PriorError> {
-        let outputs = self.calibration.units();
         let fit = self.fit(new)?;
-        let posterior = ArrayPosterior::of(&fit, &self.units, &self.spread);
-        let change = each_output(&posterior.moved, &self.units, outputs);
-        let response = self.response(&change, &posterior.covariances);
-        let calibration = self.map.changed(&self.calibration, &change);
-        let forward = Forward::new(MapKind::Smooth, response, &calibration, setting);
+        let belongs = Belongs::of(&fit, &self.units, &self.spread);
+        let sensor = NewSensor { prior: self, new, setting };
+        let (forward, calibration, change) = sensor.map(Update::GainsAndPlaces, new);
         let contact_n = new.typical_force_n();
-        let expected_mm = forward.expected_mean_mm(contact_n);
-        let model = Model::of_forward(forward, calibration, setting).with_own_presses(new);
-        Ok(FamilySensor {
-            model,
-            change,
-            belongs: Belongs::of(&fit, &self.units, &self.spread),
-            expected_mm,
-            contact_n,
-        })
+        let mut expected_mm = forward.expected_mean_mm(contact_n);
+        let ChosenModel { model, update, tried } = sensor.chosen()?.unwrap_or_else(|| ChosenModel {
+            model: Model::of_forward(forward, calibration, setting),
+            update: Update::GainsAndPlaces,
+            tried: Vec::new(),
+        });
+        let found = tried.iter().find(|tried| tried.update == update && update != Update::GainsAndPlaces);
+        if let Some(found) = found {
+            expected_mm = found.held_out.location_mm;
+        }
+        Ok(FamilySensor { model: model.with_own_presses(new), update, tried, change, belongs, expected_mm, contact_n })
+    }
+
+    /// Calibrates a new sensor in one way, without a competition.
+    ///
+    /// # Errors
+    /// The presses are of another array, or their forces are unknown; or no method can be fitted to them alone.
+    pub fn sensor_by(&self, update: Update, new: &Calibration, setting: &Setting<'_>) -> Result<Model, PriorError> {
+        self.fit(new)?;
+        let (fitted, presses) = NewSensor { prior: self, new, setting }.fit(update, new)?;
+        Ok(Model::of(fitted, presses, setting).with_own_presses(new))
     }
 
     /// Returns the expected mean location error of a sensor if its change were known exactly, mm. More presses can't reduce the error
     /// below it.
     pub fn least_mm(&self, family_sensor: &FamilySensor) -> f64 {
-        let known = self.response(&family_sensor.change, &vec![Matrix::ZERO; self.units.len()]);
+        let known = self.response(&family_sensor.change, &vec![Matrix::ZERO; self.units.len()], None);
         let calibration = self.map.changed(&self.calibration, &family_sensor.change);
         let forward = Forward::new(MapKind::Smooth, known, &calibration, &family_sensor.model.setting());
         forward.expected_mean_mm(family_sensor.contact_n)
@@ -215,7 +234,12 @@ impl Prior {
     }
 
     /// Returns the map after a change, whose own error contains the covariance of each unit's change.
-    fn response(&self, change: &ArrayChange, covariances: &[Matrix<4, 4>]) -> ForwardResponse {
+    fn response(
+        &self,
+        change: &ArrayChange,
+        covariances: &[Matrix<4, 4>],
+        correction: Option<&Correction>,
+    ) -> ForwardResponse {
         let (typical, outputs) = (&*self.map.response, self.calibration.units());
         let moved: Vec<Moved> = change.units.iter().map(super::UnitChange::moved).collect();
         let mut unit_of = vec![0; outputs];
@@ -235,11 +259,18 @@ impl Prior {
             };
             moved.iter().enumerate().map(of).collect::<Vec<f64>>()
         };
-        let tabulated = |like: &SplineField, row: &dyn Fn(&Place) -> Vec<f64>| {
-            SplineField::new(like.area(), like.step_mm(), outputs, |places| places.iter().flat_map(row).collect())
+        let tabulated = |like: &SplineField, rows: &dyn Fn(&[Place]) -> Vec<f64>| {
+            SplineField::new(like.area(), like.step_mm(), outputs, |places| rows(places))
         };
-        let field = tabulated(&typical.field, &value);
-        let leverage = tabulated(&typical.leverage, &leverage);
+        let field = tabulated(&typical.field, &|places| {
+            let mut values: Vec<f64> = places.iter().flat_map(value).collect();
+            if let Some(correction) = correction {
+                let added = correction.per_newton(places.iter().copied());
+                values.iter_mut().zip(added).for_each(|(value, added)| *value += added);
+            }
+            values
+        });
+        let leverage = tabulated(&typical.leverage, &|places| places.iter().flat_map(leverage).collect());
         ForwardResponse { field, leverage, ..typical.clone() }.known_within()
     }
 }

@@ -61,9 +61,10 @@ mod tests {
     use super::design::{SIDE, cells, mean_errors};
     use super::*;
     use crate::methods::NoiseReference;
-    use crate::methods::specimen::grid;
+    use crate::methods::specimen::{DEPTH_MM, Touch, grid};
     use palpate_core::quantity::Place;
-    use palpate_solver::{Belongs, Setting, Solver as _, fit};
+    use palpate_sim::scene::Elastomer;
+    use palpate_solver::{BEST, Belongs, ContactVerdict, Prior, Setting, Solver as _, Update, Workspace, fit};
     use palpate_testing::campaign;
 
     /// What the noise is a share of: a prior takes seconds, so the quick tier has one.
@@ -112,6 +113,63 @@ mod tests {
         let [one, nine, many, whole] = sums;
         println!("{count} sensors; 1: {one:.3}, 9: {nine:.3}, 25: {many:.3}, 625 without a prior: {whole:.3} mm");
         assert!(one < 1.6 * whole && nine < 1.06 * whole && many < 1.04 * whole, "{sums:?}");
+    }
+
+    /// Mean location errors of the way that the presses prefer, of the prior's map, and of the presses alone, mm; and how often errors are
+    /// within both half-widths.
+    #[derive(Debug, Default)]
+    struct Compared {
+        chosen_mm: f64,
+        prior_mm: f64,
+        alone_mm: f64,
+        within: [f64; 2],
+        doubted: f64,
+    }
+
+    fn compared(prior: &Prior, design: &SensorDesign, touches: &[Touch], draws: u64) -> Compared {
+        let setting = Setting::of_layout(Some(design.layout()));
+        let (mut sum, each) = (Compared::default(), 1.0 / draws as f64);
+        for seed in NEW_SEEDS..NEW_SEEDS + draws {
+            let (new, test) = (design.calibration(seed, touches).unwrap(), design.test(seed, 300));
+            let chosen = prior.family_sensor(&new, &setting).unwrap().model;
+            let own = prior.sensor_by(Update::GainsAndPlaces, &new, &setting).unwrap();
+            sum.chosen_mm += each * mean_errors(chosen.fitted(), &test).location_mm;
+            sum.prior_mm += each * mean_errors(own.fitted(), &test).location_mm;
+            sum.alone_mm += each * mean_errors(&fit(BEST, &new, &setting).unwrap(), &test).location_mm;
+            let mut workspace = Workspace::default();
+            for (truth, outputs) in test.iter() {
+                let solution = chosen.fitted().solve(outputs, &mut workspace).unwrap();
+                let (off_mm, each) = (solution.place.distance_mm(truth.place), each / 300.0);
+                let halves = solution.half_widths.map(|half| [half.half68_mm, half.half95_mm]);
+                let is_within = halves.unwrap_or([f64::INFINITY; 2]).map(|half_mm| off_mm <= half_mm);
+                sum.within.iter_mut().zip(is_within).for_each(|(sum, is)| *sum += each * f64::from(u8::from(is)));
+                sum.doubted += if solution.verdict == ContactVerdict::Ok { 0.0 } else { each };
+            }
+        }
+        println!("{} presses, {draws} sensors: {sum:.3?}", touches.len());
+        sum
+    }
+
+    /// Sensors of the design, and sensors with another skin, which no change of gains, places and widths explains.
+    #[test]
+    fn presses_correct_a_prior_that_is_wrong_and_keep_one_that_is_right() {
+        let design = SensorDesign::papers(NoiseReference::T);
+        let other = design.with(|skin| skin.elastomer = Some(Elastomer::half_space(DEPTH_MM)));
+        let (prior, draws) = (design.prior().unwrap(), campaign::size(1, 20) as u64);
+        let all = [(&other, 7, 7), (&other, 5, 4), (&design, 5, 4), (&design, 7, 7)];
+        for (design, columns, rows) in &all[..if campaign::is_quick() { 1 } else { 4 }] {
+            let found = compared(&prior, design, &cells(*columns, *rows), draws);
+            assert!(found.chosen_mm <= 1.05 * found.prior_mm.min(found.alone_mm), "{found:?}");
+            let is_other = std::ptr::eq(*design, &other);
+            assert!(
+                !is_other || *columns < 7 || found.chosen_mm <= 0.9 * found.prior_mm.min(found.alone_mm),
+                "{found:?}"
+            );
+            // few presses of a wrong prior, at the centres of cells, don't show the errors at the borders
+            let least = if is_other && *columns < 7 { 0.85 } else { 0.92 };
+            assert!((0.6..=0.78).contains(&found.within[0]) && found.within[1] >= least, "{found:?}");
+            assert!(found.doubted <= 0.02, "{found:?}");
+        }
     }
 
     /// Number of sensors of each kind: quick and full.

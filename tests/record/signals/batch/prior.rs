@@ -111,6 +111,20 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
     let reference = result(&bench, "REF");
     assert!(reference.verdict.is_none() && reference.model.is_none() && reference.change.len() == 9);
 
+    // from 20 presses on, other ways compete, and these presses give the half-widths, which the test presses check
+    bench.write("twenty.toml", &exchanged(FEW, "columns = 3, rows = 3", "columns = 5, rows = 4"));
+    bench.write("b20.toml", &exchanged(&exchanged(BATCH, "few.toml", "twenty.toml"), "\"day\"", "\"twenty\""));
+    let output = piped(&bench, "batch run b20.toml", &["REF", "A-1", "A-2"]);
+    assert_eq!(output.code, Some(0), "{}", output.err);
+    let all = events(&bench, "runs/twenty");
+    let [keeps, corrects] = ["A-1", "A-2"].map(|serial| *results(&all, serial).last().expect("a result"));
+    assert!(keeps.verdict == Some(SensorVerdict::Accepted) && keeps.reasons.is_empty(), "{keeps:?}");
+    assert!(
+        corrects.reasons[0].starts_with("calibrated with a correction of the prior's map: mean error 0."),
+        "{corrects:?}"
+    );
+    assert!(bench.palpate("evaluate runs/twenty/runs/A-1").out.contains("location inside stated 68 %"));
+
     // a layer that is 10 % thicker: the next recipe, which calibrates it without the prior
     bench.write("rig.toml", &rig("elastomer = { depth_mm = 5.5 }"));
     let output = piped(&bench, "batch run b.toml", &["A-4"]);
