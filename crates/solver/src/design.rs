@@ -1,0 +1,231 @@
+//! One map for the sensors of a design, for a sensor that wasn't calibrated.
+
+use super::field::CalibratedArea;
+use super::heldout::shuffle;
+use super::prior::Aligned;
+use super::rescaled::{HeldAnswer, Rescaled};
+use super::{
+    ArrayChange, Calibration, ContactVerdict, ErrorSummary, FitError, Fitted, HalfWidths, MeanErrors, Model,
+    PreparedCalibration, PriorError, Setting, Solver as _, Workspace,
+};
+use palpate_core::parallel::in_parallel;
+use palpate_core::quantity::stream;
+use serde::Serialize;
+
+/// A method fitted to the presses of several sensors, each aligned to the design's typical sensor as in [`Prior`](super::Prior).
+pub struct DesignMap {
+    /// The method. Its half-widths and its limits of a misfit are those of a further sensor: each sensor was solved by the method
+    /// fitted to the others.
+    pub model: Model,
+    /// The sensors, in the given order.
+    pub sensors: Vec<DesignSensor>,
+}
+
+/// A sensor that contributed to the map of its design.
+#[derive(Clone, Debug, Serialize)]
+pub struct DesignSensor {
+    /// Number of its presses.
+    pub presses: usize,
+    /// Change of each output, compared with the design's typical sensor.
+    #[serde(skip)]
+    pub change: ArrayChange,
+    /// Errors on its presses of the method fitted to the other sensors, without the place of the press.
+    pub by_the_others: SensorErrors,
+}
+
+/// The presses of a sensor.
+#[derive(Clone, Debug)]
+pub struct SensorPresses {
+    /// Its calibration.
+    pub calibration: Calibration,
+    /// Its test; without one, the presses of the calibration are solved, each by a method that doesn't know its place.
+    pub test: Option<Calibration>,
+}
+
+/// Errors of a sensor that the fitted sensors don't include.
+#[derive(Clone, Debug, Serialize)]
+pub struct LeftOutSensor {
+    /// Errors of the map of the others.
+    pub by_the_others: SensorErrors,
+    /// Errors of a method of that name fitted to the sensor's own calibration, on the same presses.
+    pub by_its_own: SensorErrors,
+}
+
+/// Errors on presses that weren't fitted.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct SensorErrors {
+    /// Number of presses that were solved.
+    pub presses: usize,
+    /// Distance between true and solved place, mm.
+    pub location_error_mm: ErrorSummary,
+    /// Absolute difference between true and solved force, N.
+    pub force_error_n: ErrorSummary,
+    /// Fraction of location errors within `half68_mm`, and within `half95_mm`.
+    pub location_within: [f64; 2],
+    /// Fraction of force errors within `half68_n`, and within `half95_n`.
+    pub force_within: [f64; 2],
+    /// Fraction of single contacts with another verdict than ok.
+    pub flagged: f64,
+}
+
+/// Number of parts into which the places of a sensor are divided. One part at a time is unknown to the method.
+const PARTS: usize = 5;
+
+/// Presses of a calibration that are nearer to a press than this fraction of the distance of its places are at the same place.
+const SAME_PLACE: f64 = 0.25;
+/// Least of this distance, mm.
+const SAME_MM: f64 = 1e-3;
+
+impl DesignMap {
+    /// Fits the method of that name to the calibrations of at least two sensors.
+    ///
+    /// # Errors
+    /// The calibrations are of different arrays, forces are unknown, or the method can't be fitted.
+    pub fn new(name: &str, calibrations: &[Calibration], setting: &Setting<'_>) -> Result<Self, PriorError> {
+        let JointFit { fitted, presses, changes, by_the_others, .. } = JointFit::of_design(name, calibrations, setting)?;
+        let sensor = |((calibration, change), answers): ((&Calibration, ArrayChange), &Vec<HeldAnswer>)| {
+            let by_the_others = SensorErrors::of(answers)?;
+            Ok(DesignSensor { presses: calibration.len(), change, by_the_others })
+        };
+        let sensors = calibrations.iter().zip(changes).zip(&by_the_others).map(sensor);
+        let sensors = sensors.collect::<Result<Vec<_>, PriorError>>()?;
+        Ok(DesignMap { model: Model::of(fitted, presses, setting), sensors })
+    }
+}
+
+/// Solves the presses of each of at least two sensors by the map of the others, and returns the errors of each and of all.
+///
+/// # Errors
+/// As [`DesignMap::new`].
+pub fn leave_one_sensor_out(
+    name: &str,
+    sensors: &[SensorPresses],
+    setting: &Setting<'_>,
+) -> Result<(Vec<LeftOutSensor>, SensorErrors), PriorError> {
+    let (mut each, mut all) = (Vec::new(), Vec::new());
+    for (index, SensorPresses { calibration, test }) in sensors.iter().enumerate() {
+        let answers = |fit: JointFit<'_>| match test {
+            Some(test) => Ok(answers(&fit.fitted, test, 0..test.len())),
+            None => fit.answers(calibration),
+        };
+        let calibrations: Vec<Calibration> = sensors.iter().map(|sensor| sensor.calibration.clone()).collect();
+        let others = answers(JointFit::of_design(name, &without(&calibrations, index), setting)?)?;
+        let own = answers(JointFit::of(name, std::slice::from_ref(calibration), setting)?)?;
+        each.push(LeftOutSensor { by_the_others: SensorErrors::of(&others)?, by_its_own: SensorErrors::of(&own)? });
+        all.extend(others);
+    }
+    Ok((each, SensorErrors::of(&all)?))
+}
+
+/// A method fitted to the aligned presses of some sensors.
+struct JointFit<'a> {
+    prepared: PreparedCalibration<'a>,
+    fitted: Fitted,
+    presses: Calibration,
+    changes: Vec<ArrayChange>,
+    /// Answers to the presses of each sensor by the method fitted to the others.
+    by_the_others: Vec<Vec<HeldAnswer>>,
+    rescaled: Option<Rescaled>,
+}
+
+impl<'a> JointFit<'a> {
+    /// Fits the method, whose half-widths are those of the sensors that it knows.
+    fn of(name: &str, calibrations: &[Calibration], setting: &Setting<'a>) -> Result<Self, PriorError> {
+        let aligned = Aligned::of(calibrations, setting.layout)?;
+        let (presses, changes) = (aligned.joined(), aligned.changes());
+        let prepared = PreparedCalibration::new(presses.clone(), setting)?;
+        let fitted = prepared.fit(name)?;
+        Ok(JointFit { prepared, fitted, presses, changes, by_the_others: Vec::new(), rescaled: None })
+    }
+
+    /// Fits the method, whose half-widths and limits are those of a further sensor, as far as there are two sensors that show them.
+    fn of_design(name: &str, calibrations: &[Calibration], setting: &Setting<'a>) -> Result<Self, PriorError> {
+        let all = JointFit::of(name, calibrations, setting)?;
+        if calibrations.len() < 2 {
+            return Ok(all);
+        }
+        let chosen = all.fitted.name();
+        let left_out = |&index: &usize| {
+            JointFit::of(chosen, &without(calibrations, index), setting)?.answers(&calibrations[index])
+        };
+        let each = in_parallel(&(0..calibrations.len()).collect::<Vec<_>>(), left_out);
+        let by_the_others = each.into_iter().collect::<Result<Vec<_>, PriorError>>()?;
+        let rescaled = Rescaled::of(&by_the_others.concat(), true);
+        Ok(JointFit { fitted: all.fitted.rescaled(&rescaled), rescaled: Some(rescaled), by_the_others, ..all })
+    }
+
+    /// Solves presses, each by the method fitted without its place.
+    fn answers(&self, new: &Calibration) -> Result<Vec<HeldAnswer>, PriorError> {
+        let mut spots = new.by_place();
+        let apart_mm = same_place_mm(&self.presses);
+        shuffle(&mut spots, &mut stream(0, 0, "places of a further sensor"));
+        let mut found = Vec::with_capacity(new.len());
+        for part in 0..PARTS.min(spots.len()) {
+            let held: Vec<usize> = spots.iter().skip(part).step_by(PARTS).flatten().copied().collect();
+            let is_held = |known: &usize| {
+                let place = self.presses.point(*known).place;
+                held.iter().any(|&press| new.point(press).place.distance_mm(place) < apart_mm)
+            };
+            let known: Vec<usize> = (0..self.presses.len()).filter(|press| !is_held(press)).collect();
+            if known.is_empty() {
+                return Err(FitError::NothingToTellApart.into());
+            }
+            let fitted = self.prepared.fit_again(self.fitted.name(), &self.presses.subset(&known))?;
+            let fitted = match &self.rescaled {
+                Some(rescaled) => fitted.rescaled(rescaled),
+                None => fitted,
+            };
+            found.extend(answers(&fitted, new, held));
+        }
+        Ok(found)
+    }
+}
+
+fn without(calibrations: &[Calibration], index: usize) -> Vec<Calibration> {
+    let others = calibrations.iter().enumerate().filter(|(other, _)| *other != index);
+    others.map(|(_, calibration)| calibration.clone()).collect()
+}
+
+/// Returns the answers to some presses; those without an answer are missing.
+fn answers(fitted: &Fitted, new: &Calibration, presses: impl IntoIterator<Item = usize>) -> Vec<HeldAnswer> {
+    let mut workspace = Workspace::default();
+    presses.into_iter().filter_map(|press| HeldAnswer::of(fitted, &new.point(press), &mut workspace)).collect()
+}
+
+/// Distance below which presses are at one place, mm: a fraction of the distance between the places of a calibration if they are evenly
+/// distributed.
+fn same_place_mm(calibration: &Calibration) -> f64 {
+    let area = CalibratedArea::around(calibration.points().map(|point| point.place)).unwrap_or_default();
+    let area_mm2 = (area.most.x_mm - area.least.x_mm) * (area.most.y_mm - area.least.y_mm);
+    (SAME_PLACE * (area_mm2 / calibration.by_place().len() as f64).sqrt()).max(SAME_MM)
+}
+
+impl SensorErrors {
+    /// Summarises answers, of which there must be one at least.
+    fn of(answers: &[HeldAnswer]) -> Result<Self, FitError> {
+        let summary = |error: fn(&MeanErrors) -> f64| {
+            let errors: Vec<f64> = answers.iter().map(|answer| error(&answer.errors)).collect();
+            ErrorSummary::of(&errors).ok_or(FitError::NothingToTellApart)
+        };
+        let share = |is_counted: &dyn Fn(&HeldAnswer) -> bool| {
+            answers.iter().filter(|answer| is_counted(answer)).count() as f64 / answers.len() as f64
+        };
+        let within = |is_within: fn(&MeanErrors, &HalfWidths) -> bool| {
+            share(&|answer| answer.solution.half_widths.is_some_and(|half| is_within(&answer.errors, &half)))
+        };
+        Ok(SensorErrors {
+            presses: answers.len(),
+            location_error_mm: summary(|errors| errors.location_mm)?,
+            force_error_n: summary(|errors| errors.force_n)?,
+            location_within: [
+                within(|errors, half| errors.location_mm <= half.half68_mm),
+                within(|errors, half| errors.location_mm <= half.half95_mm),
+            ],
+            force_within: [
+                within(|errors, half| errors.force_n <= half.half68_n),
+                within(|errors, half| errors.force_n <= half.half95_n),
+            ],
+            flagged: share(&|answer| answer.solution.verdict != ContactVerdict::Ok),
+        })
+    }
+}
