@@ -1,15 +1,18 @@
 //! One map for the sensors of a design, for a sensor that wasn't calibrated.
 
 use super::field::CalibratedArea;
-use super::heldout::shuffle;
+use super::heldout::{GOLDEN_SHARE, shuffle};
 use super::prior::Aligned;
 use super::rescaled::{HeldAnswer, Rescaled};
 use super::{
-    ArrayChange, Calibration, ContactVerdict, ErrorSummary, FitError, Fitted, HalfWidths, MeanErrors, Model,
+    ArrayChange, Calibration, CalibrationPoint, ContactVerdict, ErrorSummary, FitError, Fitted, HalfWidths, MeanErrors, Model,
     PreparedCalibration, PriorError, Setting, Solver as _, Workspace,
 };
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::stream;
+use rand::Rng;
+use rand::distr::Distribution;
+use rand_distr::StandardNormal;
 use serde::Serialize;
 
 /// A method fitted to the presses of several sensors, each aligned to the design's typical sensor as in [`Prior`](super::Prior).
@@ -105,8 +108,8 @@ pub fn leave_one_sensor_out(
     let (mut each, mut all) = (Vec::new(), Vec::new());
     for (index, SensorPresses { calibration, test }) in sensors.iter().enumerate() {
         let answers = |fit: JointFit<'_>| match test {
-            Some(test) => Ok(answers(&fit.fitted, test, 0..test.len())),
-            None => fit.answers(calibration),
+            Some(test) => Ok::<_, PriorError>(answers(&fit.fitted, test, 0..test.len())),
+            None => Ok(fit.answers(calibration)?.0),
         };
         let calibrations: Vec<Calibration> = sensors.iter().map(|sensor| sensor.calibration.clone()).collect();
         let others = answers(JointFit::of_design(name, &without(&calibrations, index), setting)?)?;
@@ -149,22 +152,26 @@ impl<'a> JointFit<'a> {
             JointFit::of(chosen, &without(calibrations, index), setting)?.answers(&calibrations[index])
         };
         let each = in_parallel(&(0..calibrations.len()).collect::<Vec<_>>(), left_out);
-        let by_the_others = each.into_iter().collect::<Result<Vec<_>, PriorError>>()?;
-        let rescaled = Rescaled::of(&by_the_others.concat(), true);
+        let each = each.into_iter().collect::<Result<Vec<_>, PriorError>>()?;
+        let (by_the_others, scaled): (Vec<_>, Vec<_>) = each.into_iter().unzip();
+        let rescaled = Rescaled::of(&scaled.concat(), true);
         Ok(JointFit { fitted: all.fitted.rescaled(&rescaled), rescaled: Some(rescaled), by_the_others, ..all })
     }
 
-    /// Solves presses, each by the method fitted without its place.
-    fn answers(&self, new: &Calibration) -> Result<Vec<HeldAnswer>, PriorError> {
+    /// Solves presses, each by the method fitted without its place: as they were measured, and scaled to the expected forces as in
+    /// [`Folds`](super::heldout::Folds).
+    fn answers(&self, new: &Calibration) -> Result<(Vec<HeldAnswer>, Vec<HeldAnswer>), PriorError> {
         let mut spots = new.by_place();
-        let apart_mm = same_place_mm(&self.presses);
-        shuffle(&mut spots, &mut stream(0, 0, "places of a further sensor"));
-        let mut found = Vec::with_capacity(new.len());
+        let same_mm = same_place_mm(&self.presses);
+        let mut rng = stream(0, 0, "presses of a further sensor");
+        let scaled = self.scaled(new, &mut rng)?;
+        shuffle(&mut spots, &mut rng);
+        let mut found = (Vec::new(), Vec::new());
         for part in 0..PARTS.min(spots.len()) {
             let held: Vec<usize> = spots.iter().skip(part).step_by(PARTS).flatten().copied().collect();
             let is_held = |known: &usize| {
                 let place = self.presses.point(*known).place;
-                held.iter().any(|&press| new.point(press).place.distance_mm(place) < apart_mm)
+                held.iter().any(|&press| new.point(press).place.distance_mm(place) < same_mm)
             };
             let known: Vec<usize> = (0..self.presses.len()).filter(|press| !is_held(press)).collect();
             if known.is_empty() {
@@ -175,9 +182,26 @@ impl<'a> JointFit<'a> {
                 Some(rescaled) => fitted.rescaled(rescaled),
                 None => fitted,
             };
-            found.extend(answers(&fitted, new, held));
+            found.0.extend(answers(&fitted, new, held.iter().copied()));
+            found.1.extend(answers(&fitted, &scaled, held));
         }
         Ok(found)
+    }
+
+    /// Returns presses scaled to the expected forces, as noisy as measured ones.
+    fn scaled(&self, new: &Calibration, rng: &mut impl Rng) -> Result<Calibration, PriorError> {
+        let (response, (least, most)) = (self.prepared.response()?, self.prepared.setting().shares(new));
+        let mut row = |(index, point): (usize, CalibrationPoint<'_>)| {
+            let share = least + (most - least) * (index as f64 * GOLDEN_SHARE).fract();
+            let output = |(unit, output): (usize, &f64)| {
+                let normal: f64 = StandardNormal.sample(rng);
+                share * output + response.missing_noise(unit, share) * normal
+            };
+            (point.place, share * point.force_n, point.outputs.iter().enumerate().map(output).collect::<Vec<f64>>())
+        };
+        let rows: Vec<_> = new.points().enumerate().map(&mut row).collect();
+        let points = rows.iter().map(|(place, force_n, outputs)| CalibrationPoint { place: *place, force_n: *force_n, outputs });
+        Ok(Calibration::new(&points.collect::<Vec<_>>()).unwrap_or_else(|_| new.clone()))
     }
 }
 
