@@ -1,5 +1,6 @@
 //! `palpate evaluate`: prints the errors of test presses, and the verdict.
 
+use super::design::left_out_table;
 use super::output::json_line;
 use super::summary::{note, print};
 use super::tables::{
@@ -75,6 +76,10 @@ pub(super) fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     }
     if let Some(errors) = &evaluated.history {
         print(&if args.json { json_line(errors)? } else { history_table(errors) })?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    if let Some(errors) = &evaluated.left_out_sensors {
+        print(&if args.json { json_line(errors)? } else { left_out_table(errors) })?;
         return Ok(ExitCode::SUCCESS);
     }
     if let Some(forces) = &evaluated.forces {

@@ -1,10 +1,11 @@
 //! `palpate fit`: a calibrated sensor as a file.
 
+use super::design::{design_table, design_value};
 use super::method::{tell_constant_load, tell_sensor};
 use super::output::OutputArgs;
 use super::summary::note;
 use crate::api::fit::place;
-use crate::api::{self, Failure, MethodOptions};
+use crate::api::{self, Failure, FittedDesign, MethodOptions};
 use palpate_data::dataset::sensor_file::{Card, SensorFile, SensorModel, check_replaceable};
 use palpate_solver::HISTORY_METHOD;
 use palpate_solver::vector::VECTOR_METHOD;
@@ -31,8 +32,9 @@ errors differ slightly.";
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct FitArgs {
-    /// A run folder, or a table of presses
-    calibration: PathBuf,
+    /// A run folder or a table of presses; one for each sensor gives one map for the design
+    #[arg(required = true, value_name = "CALIBRATION")]
+    calibration: Vec<PathBuf>,
     #[command(flatten)]
     file: SensorFileArgs,
 }
@@ -53,13 +55,23 @@ pub(super) struct SensorFileArgs {
 pub(super) fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
     let SensorFileArgs { out, method, output } = &args.file;
     check_replaceable(out).map_err(Failure::usage)?;
-    let sensor = api::fit(&args.calibration, method, &note)?;
+    let (sensor, sensors) = match args.calibration.as_slice() {
+        [one] => (api::fit(one, method, &note)?, Vec::new()),
+        several => {
+            let FittedDesign { sensor, sensors } = api::fit_design(several, method, &note)?;
+            (sensor, sensors)
+        }
+    };
     tell_sensor(&sensor, true)?;
     if let SensorModel::Contact(model) = &sensor.model {
         tell_constant_load(model)?;
     }
     let file = SensorFile::new(sensor.model, sensor.sensor, sensor.made_from).map_err(Failure::usage)?;
-    let (text, content) = write(&file, out)?;
+    let (mut text, mut content) = write(&file, out)?;
+    if !sensors.is_empty() {
+        text = design_table(&sensors) + &text;
+        content["sensors"] = design_value(&sensors);
+    }
     output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }

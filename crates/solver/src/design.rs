@@ -5,8 +5,8 @@ use super::heldout::{GOLDEN_SHARE, shuffle};
 use super::prior::Aligned;
 use super::rescaled::{HeldAnswer, Rescaled};
 use super::{
-    ArrayChange, Calibration, CalibrationPoint, ContactVerdict, ErrorSummary, FitError, Fitted, HalfWidths, MeanErrors, Model,
-    PreparedCalibration, PriorError, Setting, Solver as _, Workspace,
+    ArrayChange, Calibration, CalibrationPoint, ContactVerdict, ErrorSummary, FitError, Fitted, HalfWidths, MeanErrors,
+    Model, PreparedCalibration, PriorError, Setting, Solver as _, Workspace,
 };
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::stream;
@@ -85,7 +85,8 @@ impl DesignMap {
     /// # Errors
     /// The calibrations are of different arrays, forces are unknown, or the method can't be fitted.
     pub fn new(name: &str, calibrations: &[Calibration], setting: &Setting<'_>) -> Result<Self, PriorError> {
-        let JointFit { fitted, presses, changes, by_the_others, .. } = JointFit::of_design(name, calibrations, setting)?;
+        let JointFit { fitted, presses, changes, by_the_others, .. } =
+            JointFit::of_design(name, calibrations, setting)?;
         let sensor = |((calibration, change), answers): ((&Calibration, ArrayChange), &Vec<HeldAnswer>)| {
             let by_the_others = SensorErrors::of(answers)?;
             Ok(DesignSensor { presses: calibration.len(), change, by_the_others })
@@ -200,7 +201,8 @@ impl<'a> JointFit<'a> {
             (point.place, share * point.force_n, point.outputs.iter().enumerate().map(output).collect::<Vec<f64>>())
         };
         let rows: Vec<_> = new.points().enumerate().map(&mut row).collect();
-        let points = rows.iter().map(|(place, force_n, outputs)| CalibrationPoint { place: *place, force_n: *force_n, outputs });
+        let points =
+            rows.iter().map(|(place, force_n, outputs)| CalibrationPoint { place: *place, force_n: *force_n, outputs });
         Ok(Calibration::new(&points.collect::<Vec<_>>()).unwrap_or_else(|_| new.clone()))
     }
 }
