@@ -107,9 +107,8 @@ fn read(paths: &[PathBuf], method: &MethodOptions, note: Note<'_>) -> Result<Vec
         check_places(&shown.to_string(), &source.calibration).map_err(Failure::usage)?;
         let refused = |problem: String, help: &str| Err(Failure::usage(miette!(help = help, "{shown}: {problem}")));
         if !source.calibration.is_in_newtons() {
-            let help = "a design is fitted to presses of known force: add `force_n`; a change of the gain can't be seen without it";
-            let known_by = if source.calibration.depth_curve().is_some() { "by depth, not" } else { "without forces" };
-            return refused(format!("its presses are known {known_by} in newtons"), help);
+            let help = "a map of several sensors needs `force_n`, because a change of the gain can't be seen without it; fit each alone";
+            return refused("the forces of its presses aren't known, in newtons".to_owned(), help);
         }
         if let Some(Broken { unit, fault }) = broken(&source.calibration).first() {
             return refused(format!("output {} {}", unit + 1, fault.text()), "leave out this sensor");

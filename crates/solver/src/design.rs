@@ -1,5 +1,6 @@
 //! One map for the sensors of a design, for a sensor that wasn't calibrated.
 
+use super::adapt::Moved;
 use super::field::CalibratedArea;
 use super::heldout::{GOLDEN_SHARE, shuffle};
 use super::prior::Aligned;
@@ -9,7 +10,7 @@ use super::{
     Model, PreparedCalibration, PriorError, Setting, Solver as _, Workspace,
 };
 use palpate_core::parallel::in_parallel;
-use palpate_core::quantity::stream;
+use palpate_core::quantity::{Place, stream};
 use rand::Rng;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
@@ -136,7 +137,7 @@ impl<'a> JointFit<'a> {
     /// Fits the method, whose half-widths are those of the sensors that it knows.
     fn of(name: &str, calibrations: &[Calibration], setting: &Setting<'a>) -> Result<Self, PriorError> {
         let aligned = Aligned::of(calibrations, setting.layout)?;
-        let (presses, changes) = (aligned.joined(), aligned.changes());
+        let (presses, changes) = (joined(&aligned), aligned.changes());
         let prepared = PreparedCalibration::new(presses.clone(), setting)?;
         let fitted = prepared.fit(name)?;
         Ok(JointFit { prepared, fitted, presses, changes, by_the_others: Vec::new(), rescaled: None })
@@ -201,9 +202,7 @@ impl<'a> JointFit<'a> {
             (point.place, share * point.force_n, point.outputs.iter().enumerate().map(output).collect::<Vec<f64>>())
         };
         let rows: Vec<_> = new.points().enumerate().map(&mut row).collect();
-        let points =
-            rows.iter().map(|(place, force_n, outputs)| CalibrationPoint { place: *place, force_n: *force_n, outputs });
-        Ok(Calibration::new(&points.collect::<Vec<_>>()).unwrap_or_else(|_| new.clone()))
+        Ok(calibration(&rows).unwrap_or_else(|| new.clone()))
     }
 }
 
@@ -216,6 +215,34 @@ fn without(calibrations: &[Calibration], index: usize) -> Vec<Calibration> {
 fn answers(fitted: &Fitted, new: &Calibration, presses: impl IntoIterator<Item = usize>) -> Vec<HeldAnswer> {
     let mut workspace = Workspace::default();
     presses.into_iter().filter_map(|press| HeldAnswer::of(fitted, &new.point(press), &mut workspace)).collect()
+}
+
+/// Returns the presses of all sensors as one calibration. A press that is near a place of an earlier sensor is moved onto it, with the
+/// difference of the outputs by the map, so that presses at measured places are held out together too.
+fn joined(aligned: &Aligned) -> Calibration {
+    let (Some(map), [first, others @ ..]) = (&aligned.map, aligned.calibrations.as_slice()) else {
+        return aligned.joined();
+    };
+    let same_mm = same_place_mm(first);
+    let mut rows: Vec<_> = first.points().map(|point| (point.place, point.force_n, point.outputs.to_vec())).collect();
+    for sensor in others {
+        let places: Vec<Place> = rows.iter().map(|(place, ..)| *place).collect();
+        rows.extend(sensor.points().map(|CalibrationPoint { place, force_n, outputs }| {
+            let nearest = places.iter().min_by(|a, b| a.distance_mm(place).total_cmp(&b.distance_mm(place)));
+            let onto = nearest.filter(|other| other.distance_mm(place) < same_mm).copied().unwrap_or(place);
+            let read = |unit: usize, at: Place| map.felt(unit, at, &Moved::ZERO)[0];
+            let moved = |(unit, output): (usize, &f64)| output + force_n * (read(unit, onto) - read(unit, place));
+            (onto, force_n, outputs.iter().enumerate().map(moved).collect())
+        }));
+    }
+    calibration(&rows).unwrap_or_else(|| aligned.joined())
+}
+
+/// Returns a calibration of places, forces and outputs.
+fn calibration(rows: &[(Place, f64, Vec<f64>)]) -> Option<Calibration> {
+    let points =
+        rows.iter().map(|(place, force_n, outputs)| CalibrationPoint { place: *place, force_n: *force_n, outputs });
+    Calibration::new(&points.collect::<Vec<_>>()).ok()
 }
 
 /// Distance below which presses are at one place, mm: a fraction of the distance between the places of a calibration if they are evenly

@@ -13,6 +13,8 @@ pub(crate) struct Aligned {
     pub calibrations: Vec<Calibration>,
     /// Change of each sensor's units, compared with the typical sensor.
     pub moved: Vec<Vec<Moved>>,
+    /// Map of the typical sensor, if there are several sensors.
+    pub map: Option<AdaptableMap<'static>>,
     /// Outputs of each unit. All outputs of a unit change in common.
     pub units: Vec<Vec<usize>>,
 }
@@ -37,6 +39,7 @@ impl Aligned {
         let units = units_of(layout, outputs);
         let mut aligned = calibrations.to_vec();
         let mut moved = vec![vec![Moved::ZERO; units.len()]; calibrations.len()];
+        let mut typical = None;
         // a single sensor is its own mean
         let rounds = if calibrations.len() > 1 { ROUNDS } else { 0 };
         for _ in 0..rounds {
@@ -45,8 +48,9 @@ impl Aligned {
             moved = about_their_mean(&changes);
             let sensors = calibrations.iter().zip(&moved);
             aligned = sensors.map(|(of, moved)| map.unchanged(of, &each_output(moved, &units, outputs))).collect();
+            typical = Some(map);
         }
-        Ok(Aligned { calibrations: aligned, moved, units })
+        Ok(Aligned { calibrations: aligned, moved, map: typical, units })
     }
 
     /// Returns the presses of all sensors as one calibration of the typical sensor.
