@@ -64,7 +64,7 @@ pub struct EvaluateOptions {
     /// Test whether earlier readings of a series lower its force error
     #[arg(long, conflicts_with_all = ["vector", "holdout", "folds_by", "calibration", "test", "accept", "solver", "quantity", "constant_load", "save"])]
     pub history: bool,
-    /// Solve each of several sensors of a design by the map of the others: the test presses of its run, else its calibration presses
+    /// Solve each sensor of a design by the map of the others: a run's test presses, or else all presses
     #[arg(long, conflicts_with_all = ["history", "vector", "holdout", "folds_by", "calibration", "test", "accept", "quantity", "constant_load", "save"])]
     pub leave_one_sensor_out: bool,
     /// Meaning of the columns of tables.

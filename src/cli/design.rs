@@ -48,12 +48,11 @@ pub(super) fn design_table(sensors: &[Named<DesignSensor>]) -> String {
         let MeanChange { gain, gain_least, gain_most, x_mm, y_mm } = MeanChange::of(change);
         let [gain, least, most] = [gain, gain_least, gain_most].map(figures);
         let (x_mm, y_mm) = (format!("{x_mm:+.3}"), format!("{y_mm:+.3}"));
-        let [location, force] =
-            [by_the_others.location_error_mm, by_the_others.force_error_n].map(|of| figures(of.mean));
+        let [location, force] = [by_the_others.location_mm, by_the_others.force_n].map(figures);
         table.row(cells![shown(sensor), presses, gain, least, most, x_mm, y_mm, location, force]);
     }
     let note = "gain (mean, and of single units) and place are relative to the mean of the sensors; errors are means, by the map of \
-                the other sensors, without the press's place";
+                the other sensors";
     format!("{table}{}", filled(note, ""))
 }
 
@@ -63,7 +62,8 @@ pub(super) fn design_value(sensors: &[Named<DesignSensor>]) -> Value {
         let MeanChange { gain, gain_least, gain_most, x_mm, y_mm } = MeanChange::of(&of.change);
         json!({
             "sensor": sensor, "presses": of.presses, "gain": gain, "gain_least": gain_least, "gain_most": gain_most,
-            "x_mm": x_mm, "y_mm": y_mm, "by_the_others": of.by_the_others, "units": of.change.units,
+            "x_mm": x_mm, "y_mm": y_mm, "units": of.change.units,
+            "mean_error": { "location_mm": of.by_the_others.location_mm, "force_n": of.by_the_others.force_n },
         })
     };
     sensors.iter().map(value).collect()
@@ -97,7 +97,7 @@ pub(super) fn left_out_table(LeftOutSensors { sensors, all }: &LeftOutSensors) -
         table.to_string()
     };
     let note = "each sensor is solved by the map of the others; `in` is the share of errors within a half-width, in %; own is the mean \
-                error of the sensor's own calibration; presses of a calibration are solved without their place";
+                error of the sensor's own calibration, which doesn't know the place of the press";
     let location = table("location, mm", |errors| (errors.location_error_mm, errors.location_within));
     let force = table("force, N", |errors| (errors.force_error_n, errors.force_within));
     format!("{location}\n{force}{}", filled(note, ""))

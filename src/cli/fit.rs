@@ -16,23 +16,24 @@ use std::process::ExitCode;
 const EXAMPLES: &str = "\
 Examples:
   palpate fit runs/paper --out sensor.palpate
+  palpate fit A.csv B.csv C.csv --out design.palpate
   palpate fit runs/drags --vector --out sensor.palpate
   palpate fit series.csv --history --out skin.palpate
   palpate solve --model sensor.palpate < readings.csv
 
-The file holds the fitted method. `solve --model` gives the same answers as
-`solve --calibration`, without fitting. Its first two lines are text:
-the source, and the valid area and forces. It has 128 MB at most. If the presses
-don't fit into it, readings with a missing output can't be solved.
+`solve --model` gives the answers of `solve --calibration`, without fitting. The
+file begins with two lines of text: source, valid area and forces. It has 128 MB
+at most. If the presses don't fit, readings with a missing output aren't solved.
 
-Forces are those of the load cell. `evaluate` uses the set forces of a run, so its
-errors differ slightly.";
+Sensors of a design get one map, with half-widths for a further sensor.
+
+Forces are those of the load cell. `evaluate` uses the set forces of a run.";
 
 /// Fit a method to a calibration and write the calibrated sensor to a file
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct FitArgs {
-    /// A run folder or a table of presses; one for each sensor gives one map for the design
+    /// A run folder or a table of presses; of a design, one for each sensor
     #[arg(required = true, value_name = "CALIBRATION")]
     calibration: Vec<PathBuf>,
     #[command(flatten)]

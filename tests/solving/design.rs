@@ -110,7 +110,7 @@ fn map_of_a_design_is_better_than_that_of_one_sensor() {
     }
     let mut missed = Vec::new();
     for design in [Design::Gains, Design::Pitch, Design::Layer, Design::Skin] {
-        for (sensors, side) in [(2, 13), (3, 13), (5, 13), (3, 7)] {
+        for (sensors, side) in [(2, 13), (3, 13), (5, 13), (5, 7)] {
             let means = unseen(BEST, design, sensors, side, campaign::size(1, 20) as u64);
             let Unseen { within_68, within_95, .. } = means;
             // two sensors show little of how sensors differ
@@ -175,7 +175,7 @@ fn a_sensor_that_is_left_out_is_unknown() {
 
 /// `pearson` answers with one of the places that it knows. Known to it, the place of a press would be its answer.
 #[test]
-fn place_of_a_press_is_unknown_to_the_method_that_solves_it() {
+fn place_of_a_press_is_unknown_to_a_method_that_recognises_places() {
     for jitter_mm in [0.0, 0.004] {
         let of = |seed: u64| {
             let mut rng = stream(seed, 5, "jitter");
@@ -186,8 +186,8 @@ fn place_of_a_press_is_unknown_to_the_method_that_solves_it() {
         let calibrations = [of(1), of(2), of(3)];
         let map = DesignMap::new("pearson", &calibrations, &Setting::default()).unwrap();
         for sensor in &map.sensors {
-            let location = sensor.by_the_others.location_error_mm;
-            assert!(location.median >= 1.9, "2 mm is the distance of the places: {location:?}");
+            let location_mm = sensor.by_the_others.location_mm;
+            assert!(location_mm >= 1.9, "2 mm is the distance of the places: {location_mm} mm");
         }
         let prepared = PreparedCalibration::new(map.model.calibration().unwrap().clone(), &Setting::default()).unwrap();
         let tried = prepared.candidates("pearson").unwrap();
@@ -218,7 +218,7 @@ fn fit_of_several_sensors_prints_and_writes_their_map() {
     let object: serde_json::Value = serde_json::from_str(&bench.palpate_ends(0, &format!("{fit} --json")).out).unwrap();
     let sensors = object["sensors"].as_array().unwrap();
     assert_eq!(sensors.iter().map(|sensor| &sensor["sensor"]).collect::<Vec<_>>(), ["a.csv", "b.csv", "c.csv"]);
-    assert!(sensors[2]["by_the_others"]["location_error_mm"]["mean"].as_f64() > Some(0.0), "{object}");
+    assert!(sensors[2]["mean_error"]["force_n"].as_f64() > Some(0.1), "{object}");
     let reading = few.lines().nth(1).unwrap().split(',').skip(3).collect::<Vec<_>>().join(",");
     let answer = bench.palpate_reads("solve --model d.palpate --json", &format!("[{reading}]")).json_lines();
     assert!(answer[0]["half95_mm"].as_f64() > answer[0]["half68_mm"].as_f64(), "{answer:?}");
@@ -234,11 +234,10 @@ fn fit_of_several_sensors_prints_and_writes_their_map() {
         serde_json::from_str(&bench.palpate_ends(0, &format!("{evaluate} --json")).out).unwrap();
     assert_eq!(object["all"]["presses"], 243);
     assert_eq!(object["sensors"][1]["by_its_own"]["presses"], 81);
-    // the same answers of the map of the others as in the table of `fit`
-    assert_eq!(
-        object["sensors"][2]["by_the_others"]["location_error_mm"],
-        sensors[2]["by_the_others"]["location_error_mm"]
-    );
+    // `fit` knows the error before the limits of a misfit, with which some presses are solved without a unit
+    let mean_mm = object["sensors"][2]["by_the_others"]["location_error_mm"]["mean"].as_f64().unwrap();
+    let of_fit_mm = sensors[2]["mean_error"]["location_mm"].as_f64().unwrap();
+    assert!((mean_mm / of_fit_mm - 1.0).abs() < 0.1, "{mean_mm} mm, {of_fit_mm} mm");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use super::adapt::Moved;
 use super::field::CalibratedArea;
+use super::fitted::Answering;
 use super::heldout::{GOLDEN_SHARE, shuffle};
 use super::prior::Aligned;
 use super::rescaled::{HeldAnswer, Rescaled};
@@ -26,15 +27,14 @@ pub struct DesignMap {
 }
 
 /// A sensor that contributed to the map of its design.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
 pub struct DesignSensor {
     /// Number of its presses.
     pub presses: usize,
     /// Change of each output, compared with the design's typical sensor.
-    #[serde(skip)]
     pub change: ArrayChange,
-    /// Errors on its presses of the method fitted to the other sensors, without the place of the press.
-    pub by_the_others: SensorErrors,
+    /// Mean errors on its presses of the method fitted to the other sensors.
+    pub by_the_others: MeanErrors,
 }
 
 /// The presses of a sensor.
@@ -42,7 +42,7 @@ pub struct DesignSensor {
 pub struct SensorPresses {
     /// Its calibration.
     pub calibration: Calibration,
-    /// Its test; without one, the presses of the calibration are solved, each by a method that doesn't know its place.
+    /// Its test; without one, the presses of the calibration are solved.
     pub test: Option<Calibration>,
 }
 
@@ -51,7 +51,7 @@ pub struct SensorPresses {
 pub struct LeftOutSensor {
     /// Errors of the map of the others.
     pub by_the_others: SensorErrors,
-    /// Errors of a method of that name fitted to the sensor's own calibration, on the same presses.
+    /// Errors on the same presses of a method of that name fitted to the sensor's own calibration, without the place of the press.
     pub by_its_own: SensorErrors,
 }
 
@@ -89,7 +89,8 @@ impl DesignMap {
         let JointFit { fitted, presses, changes, by_the_others, .. } =
             JointFit::of_design(name, calibrations, setting)?;
         let sensor = |((calibration, change), answers): ((&Calibration, ArrayChange), &Vec<HeldAnswer>)| {
-            let by_the_others = SensorErrors::of(answers)?;
+            let SensorErrors { location_error_mm, force_error_n, .. } = SensorErrors::of(answers)?;
+            let by_the_others = MeanErrors { location_mm: location_error_mm.mean, force_n: force_error_n.mean };
             Ok(DesignSensor { presses: calibration.len(), change, by_the_others })
         };
         let sensors = calibrations.iter().zip(changes).zip(&by_the_others).map(sensor);
@@ -109,13 +110,13 @@ pub fn leave_one_sensor_out(
 ) -> Result<(Vec<LeftOutSensor>, SensorErrors), PriorError> {
     let (mut each, mut all) = (Vec::new(), Vec::new());
     for (index, SensorPresses { calibration, test }) in sensors.iter().enumerate() {
-        let answers = |fit: JointFit<'_>| match test {
+        let answers = |fit: JointFit<'_>, is_own: bool| match test {
             Some(test) => Ok::<_, PriorError>(answers(&fit.fitted, test, 0..test.len())),
-            None => Ok(fit.answers(calibration)?.0),
+            None => Ok(fit.answers(calibration, is_own)?.0),
         };
         let calibrations: Vec<Calibration> = sensors.iter().map(|sensor| sensor.calibration.clone()).collect();
-        let others = answers(JointFit::of_design(name, &without(&calibrations, index), setting)?)?;
-        let own = answers(JointFit::of(name, std::slice::from_ref(calibration), setting)?)?;
+        let others = answers(JointFit::of_design(name, &without(&calibrations, index), setting)?, false)?;
+        let own = answers(JointFit::of(name, std::slice::from_ref(calibration), setting)?, true)?;
         each.push(LeftOutSensor { by_the_others: SensorErrors::of(&others)?, by_its_own: SensorErrors::of(&own)? });
         all.extend(others);
     }
@@ -151,7 +152,7 @@ impl<'a> JointFit<'a> {
         }
         let chosen = all.fitted.name();
         let left_out = |&index: &usize| {
-            JointFit::of(chosen, &without(calibrations, index), setting)?.answers(&calibrations[index])
+            JointFit::of(chosen, &without(calibrations, index), setting)?.answers(&calibrations[index], false)
         };
         let each = in_parallel(&(0..calibrations.len()).collect::<Vec<_>>(), left_out);
         let each = each.into_iter().collect::<Result<Vec<_>, PriorError>>()?;
@@ -160,13 +161,16 @@ impl<'a> JointFit<'a> {
         Ok(JointFit { fitted: all.fitted.rescaled(&rescaled), rescaled: Some(rescaled), by_the_others, ..all })
     }
 
-    /// Solves presses, each by the method fitted without its place: as they were measured, and scaled to the expected forces as in
-    /// [`Folds`](super::heldout::Folds).
-    fn answers(&self, new: &Calibration) -> Result<(Vec<HeldAnswer>, Vec<HeldAnswer>), PriorError> {
-        let mut spots = new.by_place();
-        let same_mm = same_place_mm(&self.presses);
+    /// Solves presses as they were measured, and scaled to the expected forces as in [`Folds`](super::heldout::Folds). Presses of its
+    /// own sensor, and all presses by a method that learned from readings, are solved by the method fitted without their places: it could
+    /// recognise a place. An inverted map can't, and without a place it would be less certain than it is in use.
+    fn answers(&self, new: &Calibration, is_own: bool) -> Result<(Vec<HeldAnswer>, Vec<HeldAnswer>), PriorError> {
         let mut rng = stream(0, 0, "presses of a further sensor");
         let scaled = self.scaled(new, &mut rng)?;
+        if !is_own && matches!(self.fitted.answering(), Answering::Forward(_)) {
+            return Ok((answers(&self.fitted, new, 0..new.len()), answers(&self.fitted, &scaled, 0..new.len())));
+        }
+        let (mut spots, same_mm) = (new.by_place(), same_place_mm(&self.presses));
         shuffle(&mut spots, &mut rng);
         let mut found = (Vec::new(), Vec::new());
         for part in 0..PARTS.min(spots.len()) {
