@@ -37,7 +37,7 @@ pub struct EvaluateOptions {
     /// A table of calibration presses
     #[arg(long, value_name = "CSV", requires = "test", conflicts_with = "run")]
     pub calibration: Option<PathBuf>,
-    /// A table of test presses; without force_n or depth_mm, only location is evaluated
+    /// A table of test presses
     #[arg(long, value_name = "CSV", requires = "calibration", conflicts_with = "run")]
     pub test: Option<PathBuf>,
     /// The method; best selects by cross-validation on the calibration
