@@ -410,7 +410,7 @@ def load(run: _Path, *, columns: str | None = None) -> Run:
     """
 
 def fit(
-    run: Run | _Path,
+    run: Run | _Path | list[Run | _Path],
     solver: str = "best",
     *,
     constant_load: bool = False,
@@ -420,7 +420,7 @@ def fit(
     columns: str | None = None,
     quantity: Literal["force", "depth"] | None = None,
 ) -> Model:
-    """Fits a method to a run or a table of presses, like `palpate fit`.
+    """Fits a method to a run or a table of presses, like `palpate fit`; to a list, one for each sensor of a design, one map.
 
     `solver` is the name of a method; `best` selects by cross-validation. `constant_load`: every contact has the force of the
     calibration. `common_offset`: solve also for an offset that all outputs share. `false_alarms`: accepted share of single

@@ -4,12 +4,13 @@ use super::contact::{PyContact, PyContacts};
 use super::given::{RunPath, noted};
 use super::readings::PyReadings;
 use super::refused::{UsageError, raised, warn};
-use palpate::api::{self, ColumnsOptions, Measure, MethodOptions, Sensor, SensorModel};
+use palpate::api::{self, ColumnsOptions, Measure, MethodOptions, Note, Sensor, SensorModel};
 use palpate_core::parallel::lock;
 use palpate_data::dataset::Fingerprint;
 use palpate_data::dataset::answers::SearchingApart;
 use palpate_solver::{self as solver, Solver as _};
 use pyo3::prelude::*;
+use pyo3::types::PyList;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
@@ -40,7 +41,7 @@ pub struct PySession {
 
 /// Fits a method to a run or a table of presses, like `palpate fit`.
 ///
-/// `run` is a run folder, a table, or a `Run`. `solver` is the name of a method; `best` selects by cross-validation.
+/// `run` is a run folder, a table, or a `Run`; a list of them, one for each sensor of a design, gives one map. `solver` is the name of a method; `best` selects by cross-validation.
 /// `constant_load`: every contact has the force of the calibration. `common_offset`: solve also for an offset that all outputs
 /// share. `false_alarms`: accepted share of single contacts with a wrong verdict (0.01). `forces_n`: the expected forces
 /// (least, most), N, if the calibration has one force. `columns`: what the columns of a table contain.
@@ -65,8 +66,11 @@ pub fn fit(
     columns: Option<String>,
     quantity: Option<&str>,
 ) -> PyResult<PyModel> {
-    let run = RunPath::of(run)?;
-    let columns = columns.or_else(|| run.columns().map(str::to_owned));
+    let runs = match run.cast::<PyList>() {
+        Ok(several) => several.iter().map(|run| RunPath::of(&run)).collect::<PyResult<Vec<_>>>()?,
+        Err(_) => vec![RunPath::of(run)?],
+    };
+    let columns = columns.or_else(|| runs.first()?.columns().map(str::to_owned));
     let default = MethodOptions::default();
     let options = MethodOptions {
         solver: solver.to_owned(),
@@ -79,8 +83,12 @@ pub fn fit(
         history: false,
         columns: ColumnsOptions { columns, sheet: None },
     };
-    let path = run.path().to_owned();
-    PyModel::of(py, py.detach(|| noted(|note| api::fit(&path, &options, note))))
+    let paths: Vec<PathBuf> = runs.iter().map(|run| run.path().to_owned()).collect();
+    let fitted = |note: Note<'_>| match paths.as_slice() {
+        [path] => api::fit(path, &options, note),
+        paths => api::fit_design(paths, &options, note).map(|design| design.sensor),
+    };
+    PyModel::of(py, py.detach(|| noted(fitted)))
 }
 
 impl PyModel {

@@ -3,6 +3,7 @@
 use super::accept::AcceptOptions;
 use super::choices::{QuantityChoice, RepeatabilityChoice, quantity};
 use super::columns::ColumnsOptions;
+use super::design::{self, LeftOutSensors};
 use super::forces::{self, ForcesEvaluated};
 use super::history;
 use super::holdout::HoldoutOptions;
@@ -31,12 +32,12 @@ pub(crate) const ALL: &str = "all";
 #[derive(Clone, Debug, clap::Args)]
 pub struct EvaluateOptions {
     /// A run folder, or a table of calibration presses; a second table has test presses
-    #[arg(value_name = "RUN", num_args = 0..=2)]
+    #[arg(value_name = "RUN", num_args = 0..)]
     pub run: Vec<PathBuf>,
     /// A table of calibration presses
     #[arg(long, value_name = "CSV", requires = "test", conflicts_with = "run")]
     pub calibration: Option<PathBuf>,
-    /// A table of test presses; without force_n or depth_mm, only location is evaluated
+    /// A table of test presses
     #[arg(long, value_name = "CSV", requires = "calibration", conflicts_with = "run")]
     pub test: Option<PathBuf>,
     /// The method; best selects by cross-validation on the calibration
@@ -63,6 +64,9 @@ pub struct EvaluateOptions {
     /// Test whether earlier readings of a series lower its force error
     #[arg(long, conflicts_with_all = ["vector", "holdout", "folds_by", "calibration", "test", "accept", "solver", "quantity", "constant_load", "save"])]
     pub history: bool,
+    /// Solve each sensor of a design by the map of the others: a run's test presses, or else all presses
+    #[arg(long, conflicts_with_all = ["history", "vector", "holdout", "folds_by", "calibration", "test", "accept", "quantity", "constant_load", "save"])]
+    pub leave_one_sensor_out: bool,
     /// Meaning of the columns of tables.
     #[command(flatten)]
     pub columns: ColumnsOptions,
@@ -85,6 +89,7 @@ impl Default for EvaluateOptions {
             folds_by: None,
             vector: false,
             history: false,
+            leave_one_sensor_out: false,
             columns: ColumnsOptions::default(),
             accept: AcceptOptions::default(),
         }
@@ -119,6 +124,8 @@ pub struct Evaluated {
     pub vector: Option<VectorEvaluation>,
     /// Errors of a series with and without earlier readings; then there is nothing else.
     pub history: Option<HistoryEvaluation>,
+    /// Errors of sensors by the map of the others; then there is nothing else.
+    pub left_out_sensors: Option<LeftOutSensors>,
 }
 
 /// Evaluates and judges, like `palpate evaluate`. A rule without a test gives a verdict that isn't decided.
@@ -127,6 +134,13 @@ pub struct Evaluated {
 /// Bad input. The reason why a single method has no evaluation is in [`Evaluated::outcomes`].
 pub fn evaluate(options: &EvaluateOptions, note: Note<'_>) -> Result<Evaluated, Failure> {
     check_solver(&options.solver, &[BEST, ALL])?;
+    if options.leave_one_sensor_out {
+        return Ok(Evaluated { left_out_sensors: Some(design::evaluated(options, note)?), ..Evaluated::default() });
+    }
+    if options.run.len() > 2 {
+        let help = "several sensors of a design: palpate evaluate A B C --leave-one-sensor-out";
+        return Err(Failure::usage(miette::miette!(help = help, "`evaluate` takes one run folder, or two tables")));
+    }
     if options.vector {
         let named =
             [options.run.first().or(options.calibration.as_ref()), options.run.get(1).or(options.test.as_ref())];

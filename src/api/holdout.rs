@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 /// Which presses of one table or run are the test.
 #[derive(Clone, Debug, clap::Args)]
 pub struct HoldoutOptions {
-    /// Hold out presses of one table or run as the test: a share of its places, of its single presses (press), or its last
-    /// presses (time), such as: places 20%
+    /// Hold out presses as the test: a share of the places, of single presses (press), or the last presses (time), such as:
+    /// places 20%
     #[arg(long, num_args = 2, value_names = ["BY", "SHARE"], conflicts_with_all = ["calibration", "test"])]
     pub holdout: Vec<String>,
     /// Seed of the choice of the held-out presses

@@ -9,6 +9,7 @@ mod batch;
 mod certificate;
 mod choices;
 mod columns;
+mod design;
 mod evaluate;
 pub mod events;
 mod failure;
@@ -46,6 +47,7 @@ pub use choices::{
     strategy,
 };
 pub use columns::ColumnsOptions;
+pub use design::{FittedDesign, LeftOutSensors, Named, fit_design};
 pub use evaluate::{EvaluateOptions, Evaluated, SolverOutcome, evaluate};
 pub use failure::{Failure, FailureKind};
 pub use fit::{Sensor, fit, read_sensor, write_sensor};

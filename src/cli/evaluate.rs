@@ -1,5 +1,6 @@
 //! `palpate evaluate`: prints the errors of test presses, and the verdict.
 
+use super::design::left_out_table;
 use super::output::json_line;
 use super::summary::{note, print};
 use super::tables::{
@@ -18,23 +19,23 @@ Examples:
   palpate evaluate runs/paper
   palpate evaluate runs/paper --solver all
   palpate evaluate grid.csv random.csv --accept example/accept.toml
+  palpate evaluate A.csv B.csv C.csv --leave-one-sensor-out
   palpate evaluate grid.csv --holdout places 20% --seed 2 --save parts
 
 The files of example/ are written by `palpate init example --from example`.
 
 Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n or
-depth_mm. Without force_n, depths are solved; without both, only the proportions
-of the outputs are used, and only location errors are evaluated.
+depth_mm. Without force_n, depths are solved; without both, only places, from the
+proportions of the outputs.
 
-With --holdout, one table or the calibration of a run is split before the method
-is chosen and fitted. The verdict is then not decided, unless the rule has
-`holdout = true`.
+With --holdout, one table or calibration is split before the method is chosen. The
+verdict is then not decided, unless the rule has `holdout = true`.
 
 With three columns of forces and no places, force vectors are solved, without
 each group of --folds-by or each fifth of the rows.
 
-Without test presses and --holdout, the errors are cross-validated: each press
-is solved by the method fitted without its place.
+Without test presses and --holdout, errors are cross-validated: each press is
+solved without its place.
 
 The verdict uses the acceptance rule: [accept] of the run's recipe, or
 --accept FILE.";
@@ -75,6 +76,10 @@ pub(super) fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     }
     if let Some(errors) = &evaluated.history {
         print(&if args.json { json_line(errors)? } else { history_table(errors) })?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    if let Some(errors) = &evaluated.left_out_sensors {
+        print(&if args.json { json_line(errors)? } else { left_out_table(errors) })?;
         return Ok(ExitCode::SUCCESS);
     }
     if let Some(forces) = &evaluated.forces {

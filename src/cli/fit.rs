@@ -1,10 +1,11 @@
 //! `palpate fit`: a calibrated sensor as a file.
 
+use super::design::{design_table, design_value};
 use super::method::{tell_constant_load, tell_sensor};
 use super::output::OutputArgs;
 use super::summary::note;
 use crate::api::fit::place;
-use crate::api::{self, Failure, MethodOptions};
+use crate::api::{self, Failure, FittedDesign, MethodOptions};
 use palpate_data::dataset::sensor_file::{Card, SensorFile, SensorModel, check_replaceable};
 use palpate_solver::HISTORY_METHOD;
 use palpate_solver::vector::VECTOR_METHOD;
@@ -15,24 +16,26 @@ use std::process::ExitCode;
 const EXAMPLES: &str = "\
 Examples:
   palpate fit runs/paper --out sensor.palpate
+  palpate fit A.csv B.csv C.csv --out design.palpate
   palpate fit runs/drags --vector --out sensor.palpate
   palpate fit series.csv --history --out skin.palpate
   palpate solve --model sensor.palpate < readings.csv
 
-The file holds the fitted method. `solve --model` gives the same answers as
-`solve --calibration`, without fitting. Its first two lines are text:
-the source, and the valid area and forces. It has 128 MB at most. If the presses
-don't fit into it, readings with a missing output can't be solved.
+`solve --model` gives the answers of `solve --calibration`, without fitting. The
+file begins with two lines of text: source, valid area and forces. It has 128 MB
+at most. If the presses don't fit, readings with a missing output aren't solved.
 
-Forces are those of the load cell. `evaluate` uses the set forces of a run, so its
-errors differ slightly.";
+Sensors of a design get one map, with half-widths for a further sensor.
+
+Forces are those of the load cell. `evaluate` uses the set forces of a run.";
 
 /// Fit a method to a calibration and write the calibrated sensor to a file
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct FitArgs {
-    /// A run folder, or a table of presses
-    calibration: PathBuf,
+    /// A run folder or a table of presses; of a design, one for each sensor
+    #[arg(required = true, value_name = "CALIBRATION")]
+    calibration: Vec<PathBuf>,
     #[command(flatten)]
     file: SensorFileArgs,
 }
@@ -53,13 +56,23 @@ pub(super) struct SensorFileArgs {
 pub(super) fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
     let SensorFileArgs { out, method, output } = &args.file;
     check_replaceable(out).map_err(Failure::usage)?;
-    let sensor = api::fit(&args.calibration, method, &note)?;
+    let (sensor, sensors) = match args.calibration.as_slice() {
+        [one] => (api::fit(one, method, &note)?, Vec::new()),
+        several => {
+            let FittedDesign { sensor, sensors } = api::fit_design(several, method, &note)?;
+            (sensor, sensors)
+        }
+    };
     tell_sensor(&sensor, true)?;
     if let SensorModel::Contact(model) = &sensor.model {
         tell_constant_load(model)?;
     }
     let file = SensorFile::new(sensor.model, sensor.sensor, sensor.made_from).map_err(Failure::usage)?;
-    let (text, content) = write(&file, out)?;
+    let (mut text, mut content) = write(&file, out)?;
+    if !sensors.is_empty() {
+        text = design_table(&sensors) + &text;
+        content["sensors"] = design_value(&sensors);
+    }
     output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -13,6 +13,7 @@ mod check;
 mod check_weight;
 mod commands_page;
 mod demo;
+mod design;
 mod docs;
 mod doctor;
 mod drivers;

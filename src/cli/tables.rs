@@ -220,7 +220,7 @@ fn pairs_table(two_contacts: &[SuperposedPresses]) -> String {
 }
 
 /// Formats a number, not negative, in at most 6 characters.
-fn figures(number: f64) -> String {
+pub(super) fn figures(number: f64) -> String {
     match number {
         small if small < 99.9995 => format!("{number:.3}"),
         large if large < 9999.95 => format!("{number:.1}"),

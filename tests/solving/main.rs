@@ -7,6 +7,7 @@ mod adapt_pairs;
 mod by_load;
 mod causes;
 mod choice;
+mod design;
 mod drags;
 mod evaluate;
 mod faulty;

@@ -199,7 +199,7 @@ impl Calibration {
     }
 
     /// Whether the forces are known, in newtons.
-    pub(super) fn is_in_newtons(&self) -> bool {
+    pub fn is_in_newtons(&self) -> bool {
         self.forces_known && self.depth.is_none()
     }
 

@@ -160,7 +160,7 @@ impl<'a> Folds<'a> {
 pub(super) const GOLDEN_SHARE: f64 = 0.618_033_988_749_894_9;
 
 /// Shuffles a list (Fisher and Yates).
-fn shuffle<T>(list: &mut [T], rng: &mut impl rand::Rng) {
+pub(super) fn shuffle<T>(list: &mut [T], rng: &mut impl rand::Rng) {
     for last in (1..list.len()).rev() {
         let other = (rng.next_u64() % (last as u64 + 1)) as usize;
         list.swap(last, other);

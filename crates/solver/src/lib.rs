@@ -69,6 +69,7 @@ mod correction;
 mod correlation;
 mod depth_curve;
 mod descent;
+mod design;
 mod evaluation;
 mod expectation;
 mod extra_trees;
@@ -122,6 +123,7 @@ pub use broken::{Broken, OutputFault, broken};
 pub use by_load::LoadGain;
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
 pub use depth_curve::{DepthCurve, SEVERAL_DEPTHS};
+pub use design::{DesignMap, DesignSensor, LeftOutSensor, SensorErrors, SensorPresses, leave_one_sensor_out};
 pub use evaluation::{
     Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
     TestPress, UnsolvedPress, Verdicts, Within, evaluate,

@@ -36,6 +36,8 @@ const MOST_HELD: usize = 100;
 /// Assumed deviation at first, as a fraction of a unit's root mean square, and the rounds in which it is replaced by the found one.
 const DEVIATION_AT_FIRST: f64 = 0.05;
 const ROUNDS: usize = 2;
+/// Largest fraction of presses with an output that repeat it because it is one of few that the unit reads.
+const REPEATED_MOST: f64 = 0.25;
 /// Least deviation, as a fraction of the outputs' root mean square.
 const LEAST_DEVIATION: f64 = 1e-6;
 
@@ -129,13 +131,14 @@ impl NearestPresses {
     }
 
     /// Probability that a unit that works reads an output again in another contact that it feels. It isn't 0, because presses are few.
-    /// `None` if a press that read it and the one that is most alike for the other units repeat it, as those of a saturated unit do.
+    /// `None` if many presses that read it are repeated by the one that is most alike for the other units, as those of a saturated unit are.
     pub(crate) fn repeats(&self, unit: usize, is_output: impl Fn(f64) -> bool) -> Option<f64> {
         let others: Vec<usize> = (0..self.units).filter(|other| *other != unit).collect();
         let reads = |press: usize| is_output(self.row(press)[unit]);
         let read: Vec<usize> = (0..self.places.len()).filter(|&press| reads(press)).take(MOST_HELD).collect();
         let alike = |press: usize| self.nearest(self.row(press), &others, Some(self.places[press]))[0].press;
-        (!read.iter().any(|&press| reads(alike(press)))).then(|| 1.0 / (2 + read.len()) as f64)
+        let again = read.iter().filter(|&&press| reads(alike(press))).count();
+        (again as f64 <= REPEATED_MOST * read.len() as f64).then(|| (1 + again) as f64 / (2 + read.len()) as f64)
     }
 
     fn predict_without_place(&self, press: usize, without: &[usize]) -> (Prediction, f64) {

@@ -521,11 +521,11 @@ impl<'a> PreparedCalibration<'a> {
         FittedMethod::Forward(Box::new(Forward::new(kind, response, calibration, &self.setting())))
     }
 
-    fn response(&self) -> Result<&ForwardResponse, FitError> {
+    pub(super) fn response(&self) -> Result<&ForwardResponse, FitError> {
         self.response.get_or_init(|| surrogate(&self.calibration)).as_ref().map_err(Clone::clone)
     }
 
-    fn setting(&self) -> Setting<'_> {
+    pub(super) fn setting(&self) -> Setting<'_> {
         Setting { layout: self.layout.as_ref().or(self.setting.layout), ..self.setting }
     }
 }

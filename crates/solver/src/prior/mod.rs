@@ -5,12 +5,14 @@
 //! normal posterior (`posterior`). Its map is the mean map after this change; where the change is uncertain, so is the map.
 //! `belongs` checks whether the presses are those of a sensor of the design, and `order` chooses where to press.
 
+mod aligned;
 mod belongs;
 mod order;
 mod posterior;
 mod sensor;
 mod spread;
 
+pub(crate) use aligned::Aligned;
 pub use belongs::{Belongs, Deviation};
 pub use spread::DesignSpread;
 pub use spread::Deviations;
@@ -24,7 +26,6 @@ use super::surrogate::surrogate;
 use super::{ArrayChange, Calibration, CalibrationPoint, FitError, Model, Setting, TriedUpdate, Update};
 use palpate_core::algebra::Matrix;
 use palpate_core::quantity::{ArrayLayout, Place};
-use posterior::informed;
 use sensor::{ChosenModel, NewSensor};
 use std::borrow::Cow;
 
@@ -96,9 +97,6 @@ pub const SENSORS_LEAST: usize = 3;
 /// Least standard deviation of the gain from sensor to sensor. Below it the calibrations are of one sensor.
 const LEAST_SPREAD: f64 = 1e-6;
 
-/// Number of rounds in which the sensors are compared with their mean, which each round improves.
-const ROUNDS: usize = 2;
-
 impl Prior {
     /// Makes the prior from full calibrations, one for each sensor.
     ///
@@ -109,35 +107,12 @@ impl Prior {
         if sensors < SENSORS_LEAST {
             return Err(PriorError::TooFew { sensors });
         }
-        let outputs = calibrations[0].units();
-        if let Some(other) = calibrations.iter().position(|calibration| calibration.units() != outputs) {
-            return Err(PriorError::Outputs {
-                sensor: other + 1,
-                found: calibrations[other].units(),
-                expected: outputs,
-            });
-        }
-        if !calibrations.iter().all(Calibration::is_in_newtons) {
-            return Err(PriorError::NoForces);
-        }
-        let units = units_of(layout, outputs);
-        let mut aligned = calibrations.to_vec();
-        let mut found = Vec::new();
-        for _ in 0..ROUNDS {
-            let map = AdaptableMap::of(&Calibration::joined(&aligned), layout)?;
-            let changes: Vec<Vec<Moved>> = calibrations.iter().map(|sensor| informed(&map, sensor, &units)).collect();
-            found = spread::about_their_mean(&changes);
-            aligned = calibrations
-                .iter()
-                .zip(&found)
-                .map(|(sensor, moved)| map.unchanged(sensor, &each_output(moved, &units, outputs)))
-                .collect();
-        }
-        let spread = DesignSpread::of(&found);
+        let aligned = Aligned::of(calibrations, layout)?;
+        let spread = DesignSpread::of(&aligned.moved);
         if spread.own.gain < LEAST_SPREAD {
             return Err(PriorError::SameSensor);
         }
-        let calibration = Calibration::joined(&aligned);
+        let (calibration, units) = (aligned.joined(), aligned.units);
         let map = AdaptableMap::of(&calibration, layout)?;
         Ok(Prior { calibration, map, spread, units, sensors })
     }
