@@ -9,8 +9,8 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use palpate_data::dataset::calibration::{LOAD_CELL, Selection, check_places};
 use palpate_data::recipe::Phase;
 use palpate_solver::{
-    Broken, Calibration, DesignMap, DesignSensor, ForceKnown, LeftOutSensor, PriorError, SensorErrors, SensorPresses,
-    broken, leave_one_sensor_out,
+    Calibration, DesignMap, DesignSensor, ForceKnown, LeftOutSensor, PriorError, SensorErrors, SensorPresses, broken,
+    leave_one_sensor_out,
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -110,8 +110,8 @@ fn read(paths: &[PathBuf], method: &MethodOptions, note: Note<'_>) -> Result<Vec
             let help = "a map of several sensors needs `force_n`, because a change of the gain can't be seen without it; fit each alone";
             return refused("the forces of its presses aren't known, in newtons".to_owned(), help);
         }
-        if let Some(Broken { unit, fault }) = broken(&source.calibration).first() {
-            return refused(format!("output {} {}", unit + 1, fault.text()), "leave out this sensor");
+        if let Some(broken) = broken(&source.calibration).first() {
+            return refused(broken.text(), "leave out this sensor");
         }
         for other in &sources {
             let ([units, others], named) =

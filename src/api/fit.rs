@@ -8,7 +8,7 @@ use palpate_data::dataset::sensor_file::{
     Card, SensorFile, SensorFileError, SensorModel, check_replaceable, read_any_sensor_file,
 };
 use palpate_solver::{
-    Broken, Calibration, CalibrationPoint, Fitted, ForceKnown, Model, PreparedCalibration, Setting, Solver as _,
+    Calibration, CalibrationPoint, Fitted, ForceKnown, Model, PreparedCalibration, Setting, Solver as _,
 };
 use std::path::Path;
 
@@ -122,7 +122,7 @@ fn note_forces(model: &Model, note: Note<'_>) {
 
 /// Notes each unit of a calibration that is excluded.
 pub(crate) fn note_left_out(path: &Path, fitted: &Fitted, note: Note<'_>) {
-    for Broken { unit, fault } in fitted.broken() {
-        note(&format!("{}: output {} {}, excluded", path.display(), unit + 1, fault.text()));
+    for broken in fitted.broken() {
+        note(&format!("{}: {}, excluded", path.display(), broken.text()));
     }
 }

@@ -4,7 +4,7 @@ use super::Note;
 use super::lines::AnswerWriter;
 use palpate_data::dataset::answers::{Answers, LineAnswer, ReadingSolver, UnansweredLine};
 use palpate_data::dataset::readings::{ReadingError, StreamLines};
-use palpate_solver::{FaultChange, FaultyUnit};
+use palpate_solver::FaultChange;
 use std::collections::HashSet;
 use std::io::{self, Read};
 
@@ -77,9 +77,7 @@ impl AnswerStream<'_> {
         }
         for change in answer.changes {
             note(&match change {
-                FaultChange::LeftOut(FaultyUnit { unit, odds }) => {
-                    format!("output {} contradicts the others (odds {odds} to 1), left out from here on", unit + 1)
-                }
+                FaultChange::LeftOut(faulty) => format!("{}, left out from here on", faulty.text()),
                 FaultChange::Back(unit) => {
                     format!("output {} agrees with the others again, used from here on", unit + 1)
                 }

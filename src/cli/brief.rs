@@ -1,6 +1,6 @@
 //! The result of a run in a few lines. Where there isn't room for all, the least important lines are left out.
 
-use super::tables::evaluation_rows;
+use super::tables::{broken_outputs, evaluation_rows};
 use super::text_table::TextTable;
 use super::verdict::{NO_RULE, head};
 use crate::api::RunResults;
@@ -44,7 +44,7 @@ impl<'a> Brief<'a> {
 
     /// At most so many lines.
     pub(super) fn text(&self, lines_most: usize) -> String {
-        let blocks = [self.errors(), self.characteristics(), self.verdict()];
+        let blocks = [self.errors(), self.characteristics(), self.broken(), self.verdict()];
         let mut lines: Vec<RankedLine> = Vec::new();
         for block in blocks.into_iter().filter(|block| !block.is_empty()) {
             lines.push((LineRank::Blank, String::new()));
@@ -102,6 +102,17 @@ impl<'a> Brief<'a> {
         }
         let text = format!("worst units, % of full scale: {}", worst.join("; "));
         self.filled(&text, "  ").map(|line| (LineRank::Characteristics, line)).collect()
+    }
+
+    /// The outputs that are broken.
+    fn broken(&self) -> Vec<RankedLine> {
+        let of_evaluation = self.results.evaluations.first().map(|evaluation| &evaluation.broken_outputs);
+        let of_judgement = self.results.judgement.as_ref().map(|judgement| &judgement.broken_outputs);
+        let text = of_judgement.or(of_evaluation).map(|outputs| broken_outputs(outputs)).unwrap_or_default();
+        self.filled(text.trim_end(), "  ")
+            .filter(|line| !line.is_empty())
+            .map(|line| (LineRank::Reason, line))
+            .collect()
     }
 
     /// The verdict, and the limits that decide it.

@@ -299,6 +299,11 @@ const SHARED_ERROR_NOTE: &str = "\
 simulated taxels have one random error per contact, for both branches: the
 unloading repeatability is not modelled separately\n";
 
+/// The line of the broken outputs; empty without any.
+pub(super) fn broken_outputs(outputs: &[String]) -> String {
+    if outputs.is_empty() { String::new() } else { filled(&format!("broken: {}", outputs.join("; ")), "  ") }
+}
+
 fn footnotes(evaluations: &[&Evaluation]) -> String {
     let mut text = String::new();
     if let Some(evaluation) = evaluations.first().filter(|evaluation| evaluation.at_calibrated_places > 0) {
@@ -316,6 +321,7 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
             let _ = writeln!(text, "excluded, flagged: {calibration} calibration and {test} test presses");
         }
     }
+    text += &evaluations.first().map(|evaluation| broken_outputs(&evaluation.broken_outputs)).unwrap_or_default();
     // the best is one of them again
     let is_shown = |index: usize| evaluations[..index].iter().any(|before| before.solver == evaluations[index].solver);
     let each = || (0..evaluations.len()).filter(|index| !is_shown(*index)).map(|index| evaluations[index]);
@@ -334,11 +340,14 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
             .map(|counts| filled(&format!("verdicts of {solver} other than ok: {counts}"), "  "))
             .unwrap_or_default();
     }
-    for Evaluation { solver, not_as_calibrated_after, .. } in each() {
+    for Evaluation { solver, not_as_calibrated_after, outputs_at_fault, .. } in each() {
         if let Some(presses) = not_as_calibrated_after {
+            let why = match outputs_at_fault.as_slice() {
+                [] => "the sensor has changed since, or contacts have other loads".to_owned(),
+                outputs => outputs.join("; "),
+            };
             let line = format!(
-                "not as calibrated: after {presses} test presses too many don't fit the calibration of {solver}; the sensor \
-                 has changed since, or contacts have other loads"
+                "not as calibrated: after {presses} test presses too many don't fit the calibration of {solver}; {why}"
             );
             text += &filled(&line, "  ");
         }

@@ -190,4 +190,7 @@ fn the_batch_recipe_rejects_a_sensor_with_a_clipped_unit_whose_errors_are_small(
     let output = bench.palpate_ends(1, "run batch --rig clipped.toml --seed 45 --evaluate recipe").out;
     assert!(output.contains("NOT ACCEPTED") && output.contains("broken channels 1 exceeds the limit 0"), "{output}");
     assert!(output.contains("and 2 within their limits"), "{output}");
+    assert!(output.find("\nbroken: output 5 saturates\n") < output.find("\nNOT ACCEPTED"), "{output}");
+    let page = bench.palpate_ends(1, "evaluate runs/batch --json").out;
+    assert!(page.contains(r#""broken_outputs":["output 5 saturates"]"#), "{page}");
 }

@@ -103,13 +103,15 @@ fn means(solver: &str, old: &Calibration, draws: u64, draw: impl Fn(u64) -> Draw
 fn missed(pair: &str, presses: usize, means: &Means) -> Vec<String> {
     println!("{pair}, {presses} presses: {means:?}");
     let Means { ratio, most, to_old, within_68, within_95, doubted } = *means;
+    // few draws show no coverage
+    let shows_coverage = presses >= 10 && !campaign::is_quick();
     let bars = [
         (presses < 10 || most <= 1.25, "a draw"),
         (presses >= 10 || to_old <= 1.0, "worse than the old calibration"),
         (presses < 10 || ratio <= if presses < 20 { 1.10 } else { 1.05 }, "worse than the better of both"),
-        (presses < 10 || (0.60..=0.78).contains(&within_68), "68 %"),
-        (presses < 10 || (0.92..=0.985).contains(&within_95), "95 %"),
-        (presses < 10 || doubted <= 0.02, "sound contacts flagged"),
+        (!shows_coverage || (0.60..=0.78).contains(&within_68), "68 %"),
+        (!shows_coverage || (0.92..=0.985).contains(&within_95), "95 %"),
+        (!shows_coverage || doubted <= 0.02, "sound contacts flagged"),
     ];
     let missed = bars.into_iter().filter(|(is_met, _)| !is_met);
     missed.map(|(_, bar)| format!("{pair}, {presses} presses, {bar}: {means:?}")).collect()

@@ -430,6 +430,9 @@ fn a_test_by_a_sensor_that_changed_is_not_as_calibrated() {
     assert!(!of("test").out.contains("not as calibrated"));
     let changed = of("changed").out;
     assert!(changed.contains("not as calibrated: after ") && changed.contains("test presses too many"), "{changed}");
+    bench.write("dead.csv", &exchanged_table("test", 0.0));
+    let dead = of("dead").out;
+    assert!(dead.contains("calibration of\n  surrogate; output 5 contradicts the others (odds "), "{dead}");
 }
 
 /// A table of the shipped example, with out_5 multiplied.

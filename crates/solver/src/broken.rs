@@ -25,6 +25,13 @@ pub enum OutputFault {
     Missing,
 }
 
+impl Broken {
+    /// Names the output, counted from 1, and its fault.
+    pub fn text(&self) -> String {
+        format!("output {} {}", self.unit + 1, self.fault.text())
+    }
+}
+
 impl OutputFault {
     /// Describes the fault in words.
     pub fn text(self) -> &'static str {

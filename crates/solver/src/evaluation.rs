@@ -46,9 +46,17 @@ pub struct Evaluation {
     /// happened.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub not_as_calibrated_after: Option<usize>,
+    /// Outputs that broke since the calibration and are the reason, with their odds; in the object only if there are any. The caller who
+    /// has the calibration sets this field.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub outputs_at_fault: Vec<String>,
     /// Presses that didn't count; in the object only if there are any.
     #[serde(skip_serializing_if = "LeftOut::is_none")]
     pub left_out: LeftOut,
+    /// Outputs that are broken in calibration and test, with their faults; in the object only if there are any. The caller who knows the
+    /// calibration sets this field.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub broken_outputs: Vec<String>,
     /// The solved presses one by one, in test order.
     #[serde(skip)]
     pub presses: Vec<PressError>,
@@ -263,7 +271,9 @@ pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluatio
         force_error_load_cell_n: None,
         at_calibrated_places: 0,
         not_as_calibrated_after,
+        outputs_at_fault: Vec::new(),
         left_out: LeftOut { test_unsolved: unsolved.len(), ..LeftOut::default() },
+        broken_outputs: Vec::new(),
         presses,
         unsolved,
     })

@@ -51,6 +51,13 @@ pub struct FaultyUnit {
     pub odds: f64,
 }
 
+impl FaultyUnit {
+    /// Names the output, counted from 1, and the odds.
+    pub fn text(&self) -> String {
+        format!("output {} contradicts the others (odds {} to 1)", self.unit + 1, self.odds)
+    }
+}
+
 /// What the contacts so far showed about each unit. Units are those that the model uses, in its order.
 #[derive(Clone, Default)]
 pub(super) struct FaultEvidence {

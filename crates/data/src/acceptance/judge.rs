@@ -63,6 +63,8 @@ pub struct Measured {
     pub worst: Vec<Worst>,
     /// Number of dead or saturated channels; `None` if there was no calibration.
     pub broken_channels: Option<usize>,
+    /// These channels with their faults.
+    pub broken_outputs: Vec<String>,
     /// Number of flagged presses of calibration and test.
     pub flagged_presses: usize,
 }
@@ -144,6 +146,9 @@ pub struct Judgement {
     /// Notes to the reader about the presses that count.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
+    /// Outputs that are broken in calibration and test, with their faults.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub broken_outputs: Vec<String>,
     /// Checks, one for each limit.
     pub checks: Vec<LimitCheck>,
 }
@@ -170,6 +175,7 @@ pub fn judge(rule: &AcceptanceRule, measured: &Measured) -> Judgement {
         test_presses: measured.test_presses,
         reasons,
         notes: notes(measured),
+        broken_outputs: measured.broken_outputs.clone(),
         checks,
     }
 }

@@ -9,8 +9,9 @@ use crate::recipe::Phase;
 use miette::Diagnostic;
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_solver::{
-    Calibration, CalibrationPoint, ErrorSummary, Evaluation, EvaluationError, FitError, Fitted, ForceKnown,
-    PreparedCalibration, Setting, Solver, TestPress, TriedMethod, Workspace, broken, evaluate,
+    Broken, Calibration, CalibrationPoint, ErrorSummary, Evaluation, EvaluationError, FaultyUnit, FitError, Fitted,
+    ForceKnown, Model, PreparedCalibration, Session, Setting, Solver, TestPress, TriedMethod, Workspace, broken,
+    evaluate,
 };
 use std::collections::HashSet;
 use std::hint::black_box;
@@ -214,7 +215,8 @@ impl<'a> Trial<'a> {
             constant_load: matches!(self.load, ForceKnown::Constant),
             is_held_out: self.is_held_out,
             test_repeats_calibration: self.test.iter().filter(|press| calibrated.contains(&bits(press))).count(),
-            broken_channels: self.broken_channels(),
+            broken_channels: self.broken().map(|broken| broken.len()),
+            broken_outputs: self.broken_outputs(),
             flagged_presses: self.calibration.flagged + self.test.flagged,
             ..Measured::default()
         }
@@ -238,15 +240,19 @@ impl<'a> Trial<'a> {
         ErrorSummary::of(&all?).map(|summary| summary.mean)
     }
 
-    /// Number of channels that are dead or saturated in the calibration, or in calibration and test together: nine presses can't show
-    /// that an output has a largest value. `None` without a calibration.
-    fn broken_channels(&self) -> Option<usize> {
+    /// Channels that are dead or saturated in the calibration, or in calibration and test together: nine presses can't show that an
+    /// output has a largest value. `None` without a calibration.
+    pub fn broken(&self) -> Option<Vec<Broken>> {
         let point = |press: &'a Press| CalibrationPoint { place: press.place(), force_n: 1.0, outputs: &press.outputs };
         let all: Vec<CalibrationPoint<'_>> = self.calibration.iter().chain(self.test.iter()).map(point).collect();
         let in_all = Calibration::new(&all).map(|all| broken(&all)).unwrap_or_default();
-        let units: HashSet<usize> =
-            self.prepared().ok()?.broken().iter().chain(&in_all).map(|broken| broken.unit).collect();
-        Some(units.len())
+        let of_calibration = self.prepared().ok()?.broken();
+        let further = in_all.iter().filter(|broken| of_calibration.iter().all(|known| known.unit != broken.unit));
+        Some(of_calibration.iter().chain(further).copied().collect())
+    }
+
+    fn broken_outputs(&self) -> Vec<String> {
+        self.broken().unwrap_or_default().iter().map(Broken::text).collect()
     }
 
     /// Number of test presses at places that the calibration has pressed too, within [`SAME_PLACE_MM`].
@@ -293,7 +299,20 @@ impl<'a> Trial<'a> {
         evaluation.left_out.calibration_flagged = self.calibration.flagged;
         evaluation.left_out.test_flagged = self.test.flagged;
         evaluation.at_calibrated_places = self.at_calibrated_places();
+        evaluation.broken_outputs = self.broken_outputs();
+        if evaluation.not_as_calibrated_after.is_some() {
+            evaluation.outputs_at_fault = self.outputs_at_fault(fitted.name(), force).unwrap_or_default();
+        }
         Ok(evaluation)
+    }
+
+    /// Solves the test as one session, which finds the outputs that broke since the calibration.
+    fn outputs_at_fault(&self, solver: &str, force: &ForceSource) -> Option<Vec<String>> {
+        let calibration = self.calibration.calibration(force, self.load).ok()?;
+        let setting = Setting { load: self.load, ..Setting::of_layout(self.layout) };
+        let mut session = Session::new(Model::fit(solver, calibration, &setting).ok()?);
+        self.test.iter().for_each(|press| _ = session.solve(&press.outputs));
+        Some(session.at_fault().iter().map(FaultyUnit::text).collect())
     }
 
     fn unfit(&self, source: FitError) -> EvaluateError {

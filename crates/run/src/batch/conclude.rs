@@ -7,7 +7,7 @@ use palpate_data::dataset::calibration::calibration_of_run;
 use palpate_data::dataset::evaluate::{EvaluateError, Trial};
 use palpate_data::dataset::{Evidence, Presses, Recorded};
 use palpate_data::recipe::Phase;
-use palpate_solver::{Belongs, Deviation, FamilySensor, ForceKnown, Model, Prior, Setting, UnitChange, Update};
+use palpate_solver::{Belongs, Broken, Deviation, FamilySensor, ForceKnown, Model, Prior, Setting, UnitChange, Update};
 
 /// What decides about a sensor.
 #[derive(Clone, Copy)]
@@ -52,14 +52,16 @@ pub fn conclude(recorded: &[Recorded], basis: &Basis<'_>, is_last: bool) -> Conc
     let trial = Trial::of_run(&presses, layout);
     let u_place_mm = basis.rig.u_place_mm();
     let evidence = Evidence { presses: &presses, layout, runs: recorded.iter().collect(), u_place_mm };
-    let family_sensor = basis.prior.map(|prior| family_sensor(prior, &presses, basis.rig));
-    match family_sensor {
-        None => conclusion.judgement = basis.rule.map(|rule| evidence.judge(rule, &trial, &[])),
-        Some(Err(why)) => {
-            conclusion.judgement = basis.rule.map(|rule| evidence.judge(rule, &trial, &[]));
-            conclusion.reasons.push(format!("not compared with the design: {why}"));
-        }
+    match basis.prior.map(|prior| family_sensor(prior, &presses, basis.rig)) {
+        // the design names broken units too
         Some(Ok(family_sensor)) => conclusion.with(family_sensor, basis, &evidence, &trial, is_last),
+        without => {
+            conclusion.judgement = basis.rule.map(|rule| evidence.judge(rule, &trial, &[]));
+            let broken = trial.as_ref().ok().and_then(Trial::broken).unwrap_or_default();
+            conclusion.reasons.extend(broken.iter().map(Broken::text));
+            let why = without.and_then(Result::err);
+            conclusion.reasons.extend(why.map(|why| format!("not compared with the design: {why}")));
+        }
     }
     conclusion
 }

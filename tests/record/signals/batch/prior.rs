@@ -134,13 +134,18 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
     assert_eq!(ended.verdict, Some(SensorVerdict::Accepted), "{ended:?}");
     assert!(ended.reasons[0].starts_with("calibrated without the prior: all responses are +"), "{:?}", ended.reasons);
 
-    // another layer, and a dead unit
+    // another layer, a dead unit, and a weak one
     for (serial, more, reason) in [
         ("A-5", "elastomer = { depth_mm = 6.5 }", "refused: "),
         (
             "A-6",
             "elastomer = { depth_mm = 5.0 }\ntaxel_fault = [{ unit = 3, kind = \"dead\" }]",
             "refused: unit 3 reads nothing",
+        ),
+        (
+            "A-7",
+            "elastomer = { depth_mm = 5.0 }\ntaxel_fault = [{ unit = 3, kind = \"drifted\", gain_percent = -70.0 }]",
+            "refused: unit 3 reads 0.29 times what the design reads",
         ),
     ] {
         bench.write("rig.toml", &rig(more));
