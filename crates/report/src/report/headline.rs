@@ -81,9 +81,6 @@ fn notes(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
         @if let Some(evaluation) = evaluations.first().filter(|evaluation| evaluation.at_calibrated_places > 0) {
             p.note { (evaluation.at_calibrated_places) " of the test presses are at places of the calibration." }
         }
-        @for output in evaluations.first().iter().flat_map(|evaluation| &evaluation.broken_outputs) {
-            p.note { "Broken: " (output) "." }
-        }
         @if evaluations.iter().any(|evaluation| !evaluation.left_out.is_none()) { (left_out_note(evaluations)) }
     }
 }

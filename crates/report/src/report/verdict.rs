@@ -31,6 +31,9 @@ pub(super) fn section(subject: &Subject, judged: &SensorResults) -> Markup {
                     Some(judgement) => (by_rule(judgement)),
                     None => (without_rule(judged)),
                 }
+                @for output in judged.evaluations.first().iter().flat_map(|evaluation| &evaluation.broken_outputs) {
+                    p { "Broken: " (output) "." }
+                }
                 @if let Some(why) = &judged.why_not { p { (why) } }
             }
             @if let Some(judgement) = &judged.judgement {
