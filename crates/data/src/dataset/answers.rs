@@ -78,7 +78,7 @@ pub struct SearchingApart {
 }
 
 /// Longest time for which an answer waits for a search.
-const WAIT_MOST: Duration = Duration::from_millis(4);
+const WAIT_MOST: Duration = Duration::from_millis(2);
 
 impl SearchingApart {
     /// Leaves the searches of a session to threads.
