@@ -1,7 +1,7 @@
 //! `palpate adapt`: an old calibration that is updated with few presses.
 
 use palpate_core::quantity::{ArrayLayout, Place, stream};
-use palpate_sim::scene::{Skin, SkinSpec, Taxels};
+use palpate_sim::scene::{Elastomer, Skin, SkinSpec, Taxels};
 use palpate_solver::{
     Adapted, Calibration, CalibrationPoint, ContactVerdict, Fitted, HalfWidths, Setting, Solution, Solver as _,
     Workspace, fit,
@@ -12,8 +12,35 @@ use rand::RngExt;
 
 /// Sensors of one design: gains differ by 20 %, places by 0.1 mm.
 fn family_sensor(seed: u64) -> Skin {
-    let taxels = Taxels { gain_spread_percent: 20.0, place_spread_mm: 0.1, ..Taxels::default() };
-    Skin::new(&SkinSpec { taxels, ..scene_t() }, &ArrayLayout::grid(3, 3, 4.5), 2.0, seed)
+    sensor(&spread_spec(0.1), seed)
+}
+
+/// The design's skin, with gains that differ by 20 %.
+pub(super) fn spread_spec(place_spread_mm: f64) -> SkinSpec {
+    SkinSpec { taxels: Taxels { gain_spread_percent: 20.0, place_spread_mm, ..Taxels::default() }, ..scene_t() }
+}
+
+pub(super) fn sensor(spec: &SkinSpec, seed: u64) -> Skin {
+    Skin::new(spec, &ArrayLayout::grid(3, 3, 4.5), 2.0, seed)
+}
+
+/// A sensor of another skin: another pitch, a thin layer, and a flat indenter.
+pub(super) fn other_skin(spec: SkinSpec, seed: u64) -> Skin {
+    let spec = SkinSpec { elastomer: Some(Elastomer::half_space(3.5)), indenter_radius_mm: 1.0, ..spec };
+    Skin::new(&spec, &ArrayLayout::grid(3, 3, 5.0), 2.0, seed)
+}
+
+/// Largest coordinate of a contact, mm.
+pub(super) const HALF_MM: f64 = 6.0;
+
+/// New presses of a sensor under 1 N, and 400 contacts.
+pub(super) fn draw(skin: &mut Skin, seed: u64, presses: usize) -> (Calibration, Vec<AdaptRow>) {
+    let mut rng = stream(seed, 2, "contacts");
+    let mut place = || Place::new(rng.random_range(-HALF_MM..=HALF_MM), rng.random_range(-HALF_MM..=HALF_MM));
+    let new: Vec<_> = (0..presses).map(|_| (place(), 1.0)).collect();
+    let contacts: Vec<_> = (0..400).map(|_| place()).collect();
+    let contacts: Vec<_> = contacts.into_iter().map(|place| (place, rng.random_range(0.1..=1.0))).collect();
+    (calibration(&pressed(skin, new, seed + 1000)), pressed(skin, contacts, seed + 2000))
 }
 
 pub(super) type AdaptRow = (Place, f64, Vec<f64>);

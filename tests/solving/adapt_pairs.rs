@@ -4,18 +4,14 @@
 //! at most 1.05 times the smaller of both (1.10 with 10 presses, and the old one's with 5); of a single draw at most 1.25. With 5
 //! presses single draws aren't judged: chance gives one in 20 a worse way, up to 1.35 of the smaller error.
 
-use super::adapt::{AdaptRow, Found, calibration, grid, pressed};
+use super::adapt::{AdaptRow, Found, HALF_MM, calibration, draw, grid, other_skin, pressed, sensor, spread_spec};
 use super::real_skins::{data, mean_of_passes};
-use palpate_core::quantity::{ArrayLayout, Place, stream};
+use palpate_core::quantity::stream;
 use palpate_data::dataset::{Mapping, read_table};
-use palpate_sim::scene::{Elastomer, Skin, SkinSpec, Taxels};
+use palpate_sim::scene::{Elastomer, Skin, SkinSpec};
 use palpate_solver::{Adapted, BEST, Calibration, CalibrationPoint, Fitted, Model, Session, Setting, fit};
 use palpate_testing::campaign;
-use palpate_testing::skins::scene_t;
 use rand::RngExt;
-
-/// Largest coordinate of a contact, mm.
-const HALF_MM: f64 = 6.0;
 
 /// One draw: new presses, and contacts of the same sensor.
 type Draw = (Calibration, Vec<AdaptRow>);
@@ -36,31 +32,18 @@ enum Differs {
 impl Differs {
     /// The sensor of a seed; 0 is the old one.
     fn sensor(self, seed: u64) -> Skin {
-        let place_spread_mm = if matches!(self, Differs::Gains) { 0.0 } else { 0.1 };
-        let mut spec = SkinSpec {
-            taxels: Taxels { gain_spread_percent: 20.0, place_spread_mm, ..Taxels::default() },
-            ..scene_t()
-        };
-        let mut pitch_mm = 4.5;
+        let spec = spread_spec(if matches!(self, Differs::Gains) { 0.0 } else { 0.1 });
         match self {
-            Differs::Layer if seed > 0 => spec.elastomer = Some(Elastomer::half_space(5.5)),
-            Differs::Skin if seed > 0 => {
-                (spec.elastomer, spec.indenter_radius_mm) = (Some(Elastomer::half_space(3.5)), 1.0);
-                pitch_mm = 5.0;
+            Differs::Layer if seed > 0 => {
+                sensor(&SkinSpec { elastomer: Some(Elastomer::half_space(5.5)), ..spec }, seed)
             }
-            _ => {}
+            Differs::Skin if seed > 0 => other_skin(spec, seed),
+            _ => sensor(&spec, seed),
         }
-        Skin::new(&spec, &ArrayLayout::grid(3, 3, pitch_mm), 2.0, seed)
     }
 
     fn draw(self, seed: u64, presses: usize) -> Draw {
-        let mut skin = self.sensor(seed);
-        let mut rng = stream(seed, 2, "contacts");
-        let mut place = || Place::new(rng.random_range(-HALF_MM..=HALF_MM), rng.random_range(-HALF_MM..=HALF_MM));
-        let new: Vec<_> = (0..presses).map(|_| (place(), 1.0)).collect();
-        let contacts: Vec<_> = (0..400).map(|_| place()).collect();
-        let contacts: Vec<_> = contacts.into_iter().map(|place| (place, rng.random_range(0.1..=1.0))).collect();
-        (calibration(&pressed(&mut skin, new, seed + 1000)), pressed(&mut skin, contacts, seed + 2000))
+        draw(&mut self.sensor(seed), seed, presses)
     }
 }
 

@@ -1,18 +1,14 @@
 //! One map for several sensors of a design, and its errors on a sensor that it doesn't know.
 
-use super::adapt::{AdaptRow, Found, calibration, grid, pressed};
-use palpate_core::quantity::{ArrayLayout, Place, stream};
-use palpate_sim::scene::{Elastomer, Skin, SkinSpec, Taxels};
+use super::adapt::{AdaptRow, Found, HALF_MM, calibration, draw, grid, other_skin, pressed, sensor, spread_spec};
+use palpate_core::quantity::stream;
+use palpate_sim::scene::{Elastomer, Skin, SkinSpec};
 use palpate_solver::{
     Adapted, BEST, Calibration, DesignMap, PreparedCalibration, SensorErrors, SensorPresses, Setting, fit,
     leave_one_sensor_out,
 };
-use palpate_testing::skins::scene_t;
 use palpate_testing::{TestFolder, campaign};
 use rand::RngExt;
-
-/// Largest coordinate of a contact, mm.
-const HALF_MM: f64 = 6.0;
 
 /// How the sensors of a design differ.
 #[derive(Clone, Copy, Debug)]
@@ -29,38 +25,19 @@ enum Design {
 
 impl Design {
     fn sensor(self, seed: u64) -> Skin {
-        let place_spread_mm = if matches!(self, Design::Gains) { 0.0 } else { 0.1 };
-        let taxels = Taxels { gain_spread_percent: 20.0, place_spread_mm, ..Taxels::default() };
-        let mut spec = SkinSpec { taxels, ..scene_t() };
-        let mut pitch_mm = 4.5;
+        let spec = spread_spec(if matches!(self, Design::Gains) { 0.0 } else { 0.1 });
         match self {
-            Design::Gains | Design::Pitch => {}
+            Design::Gains | Design::Pitch => sensor(&spec, seed),
             Design::Layer => {
                 let times = stream(seed, 4, "layer").random_range(0.9..=1.1);
-                spec.elastomer = Some(Elastomer::half_space(5.0 * times));
+                sensor(&SkinSpec { elastomer: Some(Elastomer::half_space(5.0 * times)), ..spec }, seed)
             }
-            Design::Skin => {
-                (spec.elastomer, spec.indenter_radius_mm) = (Some(Elastomer::half_space(3.5)), 1.0);
-                pitch_mm = 5.0;
-            }
+            Design::Skin => other_skin(spec, seed),
         }
-        Skin::new(&spec, &ArrayLayout::grid(3, 3, pitch_mm), 2.0, seed)
     }
 
     fn calibration(self, seed: u64, side: usize) -> Calibration {
         calibration(&pressed(&mut self.sensor(seed), grid(side, HALF_MM), seed))
-    }
-
-    /// Contacts of a sensor, and few presses.
-    fn unseen(self, seed: u64) -> (Vec<AdaptRow>, Calibration) {
-        let (mut skin, mut rng) = (self.sensor(seed), stream(seed, 2, "contacts"));
-        let mut along = || rng.random_range(-HALF_MM..=HALF_MM);
-        let places: Vec<Place> = (0..410).map(|_| Place::new(along(), along())).collect();
-        let (few, test) = places.split_at(10);
-        let few = pressed(&mut skin, few.iter().map(|place| (*place, 1.0)), seed + 1000);
-        let mut contacts = Vec::new();
-        test.iter().for_each(|place| contacts.push((*place, rng.random_range(0.1..=1.0))));
-        (pressed(&mut skin, contacts, seed + 2000), calibration(&few))
     }
 }
 
@@ -82,7 +59,8 @@ fn unseen(solver: &str, design: Design, sensors: u64, side: usize, draws: u64) -
     for first in (0..draws).map(|draw| 100 * draw) {
         let sensors: Vec<Calibration> = (first..first + sensors).map(|seed| design.calibration(seed, side)).collect();
         let map = DesignMap::new(solver, &sensors, &Setting::default()).unwrap().model;
-        let (test, few) = design.unseen(first + 50);
+        let seed = first + 50;
+        let (few, test) = draw(&mut design.sensor(seed), seed, 10);
         let found = Found::of(map.fitted(), &test);
         let adapted_mm = |from: &Calibration| {
             let adapted = Adapted::new(solver, from, &few, &Setting::default()).unwrap();

@@ -37,7 +37,7 @@ const MOST_HELD: usize = 100;
 const DEVIATION_AT_FIRST: f64 = 0.05;
 const ROUNDS: usize = 2;
 /// Largest fraction of presses with an output that repeat it because it is one of few that the unit reads.
-const REPEATED_MOST: f64 = 0.25;
+const AGAIN_MOST: f64 = 0.25;
 /// Least deviation, as a fraction of the outputs' root mean square.
 const LEAST_DEVIATION: f64 = 1e-6;
 
@@ -138,7 +138,7 @@ impl NearestPresses {
         let read: Vec<usize> = (0..self.places.len()).filter(|&press| reads(press)).take(MOST_HELD).collect();
         let alike = |press: usize| self.nearest(self.row(press), &others, Some(self.places[press]))[0].press;
         let again = read.iter().filter(|&&press| reads(alike(press))).count();
-        (again as f64 <= REPEATED_MOST * read.len() as f64).then(|| (1 + again) as f64 / (2 + read.len()) as f64)
+        (again as f64 <= AGAIN_MOST * read.len() as f64).then(|| (1 + again) as f64 / (2 + read.len()) as f64)
     }
 
     fn predict_without_place(&self, press: usize, without: &[usize]) -> (Prediction, f64) {
