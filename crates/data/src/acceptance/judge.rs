@@ -61,10 +61,8 @@ pub struct Measured {
     pub depth: Option<TestErrors>,
     /// Figures of single units, the worst value for each kind.
     pub worst: Vec<Worst>,
-    /// Number of dead or saturated channels; `None` if there was no calibration.
-    pub broken_channels: Option<usize>,
-    /// These channels with their faults.
-    pub broken_outputs: Vec<String>,
+    /// Dead or saturated channels with their faults; `None` if there was no calibration.
+    pub broken_outputs: Option<Vec<String>>,
     /// Number of flagged presses of calibration and test.
     pub flagged_presses: usize,
 }
@@ -175,7 +173,7 @@ pub fn judge(rule: &AcceptanceRule, measured: &Measured) -> Judgement {
         test_presses: measured.test_presses,
         reasons,
         notes: notes(measured),
-        broken_outputs: measured.broken_outputs.clone(),
+        broken_outputs: measured.broken_outputs.clone().unwrap_or_default(),
         checks,
     }
 }
@@ -284,7 +282,9 @@ fn found(limit: &Limit, measured: &Measured) -> Result<FoundValue, String> {
         LimitedFigure::DepthMean | LimitedFigure::DepthP95 | LimitedFigure::DepthWithin => {
             errors_of(&measured.depth, "no depth was solved, or no true depth is known")
         }
-        LimitedFigure::BrokenChannels => counted(measured.broken_channels, measured.calibration_presses),
+        LimitedFigure::BrokenChannels => {
+            counted(measured.broken_outputs.as_ref().map(Vec::len), measured.calibration_presses)
+        }
         LimitedFigure::FlaggedPresses => {
             counted(Some(measured.flagged_presses), measured.calibration_presses + measured.test_presses)
         }
@@ -458,7 +458,7 @@ mod tests {
                 n: 20,
                 missing: 0,
             }],
-            broken_channels: Some(0),
+            broken_outputs: Some(Vec::new()),
             ..Measured::default()
         }
     }

@@ -169,12 +169,17 @@ impl<'a> Trial<'a> {
             evaluation.force_error_load_cell_n = answers.force_error_n;
         }
         evaluation.choice = fitted.choice().cloned();
+        evaluation.broken_outputs = self.broken_outputs().unwrap_or_default();
+        if evaluation.not_as_calibrated_after.is_some() {
+            evaluation.outputs_at_fault = self.outputs_at_fault(fitted.name()).unwrap_or_default();
+        }
         Ok((evaluation, fitted))
     }
 
     /// Solves the test with a method that was fitted to this calibration and to other data. Forces are those of the load cell.
     pub fn evaluate_with(&self, fitted: &Fitted) -> Result<Evaluation, EvaluateError> {
-        self.evaluated(fitted, &LOAD_CELL)
+        let broken_outputs = self.broken_outputs().unwrap_or_default();
+        Ok(Evaluation { broken_outputs, ..self.evaluated(fitted, &LOAD_CELL)? })
     }
 
     /// Returns the test presses with the load cell's forces; `None` without forces.
@@ -215,7 +220,6 @@ impl<'a> Trial<'a> {
             constant_load: matches!(self.load, ForceKnown::Constant),
             is_held_out: self.is_held_out,
             test_repeats_calibration: self.test.iter().filter(|press| calibrated.contains(&bits(press))).count(),
-            broken_channels: self.broken().map(|broken| broken.len()),
             broken_outputs: self.broken_outputs(),
             flagged_presses: self.calibration.flagged + self.test.flagged,
             ..Measured::default()
@@ -241,18 +245,14 @@ impl<'a> Trial<'a> {
     }
 
     /// Channels that are dead or saturated in the calibration, or in calibration and test together: nine presses can't show that an
-    /// output has a largest value. `None` without a calibration.
-    pub fn broken(&self) -> Option<Vec<Broken>> {
+    /// output has a largest value. Each is named with its fault. `None` without a calibration.
+    pub fn broken_outputs(&self) -> Option<Vec<String>> {
         let point = |press: &'a Press| CalibrationPoint { place: press.place(), force_n: 1.0, outputs: &press.outputs };
         let all: Vec<CalibrationPoint<'_>> = self.calibration.iter().chain(self.test.iter()).map(point).collect();
         let in_all = Calibration::new(&all).map(|all| broken(&all)).unwrap_or_default();
         let of_calibration = self.prepared().ok()?.broken();
         let further = in_all.iter().filter(|broken| of_calibration.iter().all(|known| known.unit != broken.unit));
-        Some(of_calibration.iter().chain(further).copied().collect())
-    }
-
-    fn broken_outputs(&self) -> Vec<String> {
-        self.broken().unwrap_or_default().iter().map(Broken::text).collect()
+        Some(of_calibration.iter().chain(further).map(Broken::text).collect())
     }
 
     /// Number of test presses at places that the calibration has pressed too, within [`SAME_PLACE_MM`].
@@ -299,16 +299,12 @@ impl<'a> Trial<'a> {
         evaluation.left_out.calibration_flagged = self.calibration.flagged;
         evaluation.left_out.test_flagged = self.test.flagged;
         evaluation.at_calibrated_places = self.at_calibrated_places();
-        evaluation.broken_outputs = self.broken_outputs();
-        if evaluation.not_as_calibrated_after.is_some() {
-            evaluation.outputs_at_fault = self.outputs_at_fault(fitted.name(), force).unwrap_or_default();
-        }
         Ok(evaluation)
     }
 
     /// Solves the test as one session, which finds the outputs that broke since the calibration.
-    fn outputs_at_fault(&self, solver: &str, force: &ForceSource) -> Option<Vec<String>> {
-        let calibration = self.calibration.calibration(force, self.load).ok()?;
+    fn outputs_at_fault(&self, solver: &str) -> Option<Vec<String>> {
+        let calibration = self.calibration.calibration(self.force, self.load).ok()?;
         let setting = Setting { load: self.load, ..Setting::of_layout(self.layout) };
         let mut session = Session::new(Model::fit(solver, calibration, &setting).ok()?);
         self.test.iter().for_each(|press| _ = session.solve(&press.outputs));

@@ -33,7 +33,7 @@ pub fn foreseen(rule: &AcceptanceRule, plan: &Plan, truths: &Truths) -> Judgemen
         location: errors(truths.u_place_mm),
         force: errors(truths.u_force_n),
         worst,
-        broken_channels: Some(0),
+        broken_outputs: Some(Vec::new()),
         ..Measured::default()
     };
     let mut judgement = judge(rule, &measured);

@@ -72,7 +72,7 @@ pub fn chance(rule: &AcceptanceRule, test: &Test, typical: &Typical) -> Result<C
             test_presses: test.test_presses,
             location: places_mm.map(|sizes| TestErrors { sizes, u_truth: test.u_place_mm }),
             force: forces_n.map(|sizes| TestErrors { sizes, u_truth: test.u_force_n }),
-            broken_channels: Some(0),
+            broken_outputs: Some(Vec::new()),
             ..Measured::default()
         };
         let share = match judge(&rule, &measured).verdict {

@@ -7,7 +7,7 @@ use palpate_data::dataset::calibration::calibration_of_run;
 use palpate_data::dataset::evaluate::{EvaluateError, Trial};
 use palpate_data::dataset::{Evidence, Presses, Recorded};
 use palpate_data::recipe::Phase;
-use palpate_solver::{Belongs, Broken, Deviation, FamilySensor, ForceKnown, Model, Prior, Setting, UnitChange, Update};
+use palpate_solver::{Belongs, Deviation, FamilySensor, ForceKnown, Model, Prior, Setting, UnitChange, Update};
 
 /// What decides about a sensor.
 #[derive(Clone, Copy)]
@@ -57,8 +57,7 @@ pub fn conclude(recorded: &[Recorded], basis: &Basis<'_>, is_last: bool) -> Conc
         Some(Ok(family_sensor)) => conclusion.with(family_sensor, basis, &evidence, &trial, is_last),
         without => {
             conclusion.judgement = basis.rule.map(|rule| evidence.judge(rule, &trial, &[]));
-            let broken = trial.as_ref().ok().and_then(Trial::broken).unwrap_or_default();
-            conclusion.reasons.extend(broken.iter().map(Broken::text));
+            conclusion.reasons.extend(trial.as_ref().ok().and_then(Trial::broken_outputs).unwrap_or_default());
             let why = without.and_then(Result::err);
             conclusion.reasons.extend(why.map(|why| format!("not compared with the design: {why}")));
         }

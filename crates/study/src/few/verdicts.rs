@@ -140,7 +140,7 @@ fn by_rule(decision: Decision, limit_mm: f64, solver: &dyn Solver, test: &KnownR
         calibration_presses: 9,
         test_presses: sizes.len(),
         location: Some(TestErrors { sizes, u_truth: Some(0.0) }),
-        broken_channels: Some(0),
+        broken_outputs: Some(Vec::new()),
         ..Measured::default()
     };
     judge(&rule, &measured).verdict
