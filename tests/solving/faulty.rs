@@ -2,14 +2,13 @@
 //!
 //! The real skins are those of [`real_skins`](super::real_skins), whose folder `PALPATE_DATA` names.
 
-use palpate_core::quantity::{ArrayLayout, Place, RandomStream, stream};
+use palpate_core::quantity::{ArrayLayout, Place, stream};
 use palpate_data::dataset::{Mapping, read_table};
-use palpate_sim::scene::{Elastomer, NoiseOf, Skin, SkinSpec, TaxelNoise};
 use palpate_solver::{
     BEST, Calibration, CalibrationPoint, FaultChange, Fits, Model, Session, Setting, Solver as _, Workspace,
 };
 use palpate_testing::campaign;
-use palpate_testing::skins::scene_t;
+use palpate_testing::skins::{GridSkin, Pressed as Row};
 use rand::RngExt;
 use std::path::Path;
 use std::sync::Arc;
@@ -18,9 +17,6 @@ use std::sync::Arc;
 const NAMED_WITHIN: usize = 60;
 /// Contacts of a stream in which nothing may be named.
 const CLEAN: usize = 1000;
-
-/// A press or a contact: its place, force in N, and outputs.
-type Row = (Place, f64, Vec<f64>);
 
 /// Name, units, and change of a reading.
 type Fault<'a> = (String, Vec<usize>, Box<dyn Fn(&mut [f64]) + 'a>);
@@ -59,33 +55,13 @@ impl Calibrated {
 
     /// A grid of simulated units, pressed every so many mm.
     fn simulated(columns: usize, rows: usize, spacing_mm: f64) -> Self {
-        let (layout, units) = (ArrayLayout::grid(rows, columns, 4.5), columns * rows);
-        let noise = TaxelNoise { repeatability_percent: vec![1.0; units], of: NoiseOf::Reading, floor: 0.001 };
-        let fine = SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), noise: Some(noise), ..SkinSpec::default() };
-        let spec = if units == 9 { scene_t() } else { fine };
-        let (mut skin, mut rng) = (Skin::new(&spec, &layout, 2.0, units as u64), stream(units as u64, 1, "contacts"));
-        let mut press = |place: Place, force_n: f64, rng: &mut RandomStream| {
-            let mut outputs = vec![0.0; units];
-            skin.draw_contact(rng);
-            skin.outputs(force_n, place, &mut outputs);
-            (place, force_n, outputs)
-        };
-        let [wide_mm, high_mm] = [columns, rows].map(|count| 2.25 * (count as f64 - 1.0) + 1.5);
-        let [across, along] = [wide_mm, high_mm].map(|half_mm| (2.0 * half_mm / spacing_mm) as usize + 1);
-        let at = |index: usize, half_mm: f64| spacing_mm * index as f64 - half_mm;
-        let grid = (0..across * along).map(|i| Place::new(at(i % across, wide_mm), at(i / across, high_mm)));
-        let presses: Vec<Row> = grid.map(|place| press(place, 1.0, &mut rng)).collect();
-        let mut random = |_| {
-            let place = Place::new(rng.random_range(-wide_mm..wide_mm), rng.random_range(-high_mm..high_mm));
-            let force_n = rng.random_range(0.1..1.0);
-            press(place, force_n, &mut rng)
-        };
-        let contacts: Vec<Row> = (0..CLEAN).map(&mut random).collect();
-        let still: Vec<Row> = (0..200).map(|_| press(Place::default(), 0.0, &mut rng)).collect();
+        let mut skin = GridSkin::new(columns, rows);
+        let (presses, contacts) = (skin.spaced(spacing_mm), skin.random(CLEAN));
+        let still: Vec<Row> = (0..200).map(|_| skin.press(Place::default(), 0.0)).collect();
         let rms = |unit: usize| (still.iter().map(|row| row.2[unit].powi(2)).sum::<f64>() / still.len() as f64).sqrt();
-        let quiet = (0..units).map(rms).collect();
-        let name = format!("{units} units");
-        Calibrated { quiet, ..Calibrated::new(&name, &presses, true, contacts, Some(&layout)) }
+        let quiet = (0..columns * rows).map(rms).collect();
+        let name = format!("{} units", columns * rows);
+        Calibrated { quiet, ..Calibrated::new(&name, &presses, true, contacts, Some(&skin.layout)) }
     }
 
     /// The unit whose outputs vary most, and the median one.
