@@ -2,13 +2,16 @@
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 use cap::Cap;
-use std::alloc::System;
+use counting::Counting;
 
 mod allocations;
+#[cfg(target_os = "linux")]
+mod cost;
+mod counting;
 mod fuzz;
 mod fuzz_files;
 mod long_plan;
 mod memory;
 
 #[global_allocator]
-static HEAP: Cap<System> = Cap::new(System, usize::MAX);
+static HEAP: Cap<Counting> = Cap::new(Counting, usize::MAX);
