@@ -11,7 +11,7 @@ pub(super) const FOLDER: &str = concat!(env!("CARGO_TARGET_TMPDIR"), "/cost");
 
 /// Longest time of the processor for a run under callgrind, s: about three times what the longest one takes. Callgrind executes some
 /// 100 million instructions a second.
-const LIMIT_S: u64 = 60;
+const LIMIT_S: u64 = 120;
 
 /// A run of the program.
 pub(super) struct Run<'a> {
