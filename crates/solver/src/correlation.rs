@@ -59,6 +59,18 @@ impl Correlation {
         }
     }
 
+    /// Returns the smoothness as a number, and the length.
+    pub(crate) fn numbers(&self) -> [f64; 2] {
+        let smoothness = Smoothness::ALL.iter().position(|smoothness| *smoothness == self.smoothness);
+        [smoothness.unwrap_or_default() as f64, self.length]
+    }
+
+    /// Returns the correlation with these [numbers](Self::numbers); `None` if there is none.
+    pub(crate) fn of_numbers([smoothness, length]: [f64; 2]) -> Option<Self> {
+        let smoothness = *Smoothness::ALL.get(smoothness as usize)?;
+        (length > 0.0).then_some(Correlation { smoothness, length })
+    }
+
     /// Returns the correlation for each distance in a matrix.
     pub(crate) fn of_all(&self, distances: Mat<f64>) -> Mat<f64> {
         self.of_columns(distances, |_| 0)

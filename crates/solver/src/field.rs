@@ -1,11 +1,14 @@
 //! Smooth functions of a place, stored as splines.
 
+use super::process::Process;
 use palpate_core::quantity::{Place, Range, cell_centres};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Smooth functions of the place, one for each channel, tabulated over an area: uniform cubic B-splines in x and y. A value and
 /// its gradient need sixteen rows of the table, for any origin of the functions.
 #[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(into = "StoredField", try_from = "StoredField")]
 pub(super) struct SplineField {
     area: CalibratedArea,
     channels: usize,
@@ -13,6 +16,19 @@ pub(super) struct SplineField {
     y: Subdivision,
     /// Coefficients, row-major, y nodes x x nodes x channels.
     coefficients: Vec<f64>,
+    /// Process that a large table was made from. It is stored instead of the table, because it is many times smaller.
+    process: Option<Arc<Process>>,
+}
+
+/// A field in a sensor file.
+#[derive(Serialize, Deserialize)]
+struct StoredField {
+    area: CalibratedArea,
+    channels: usize,
+    x: Subdivision,
+    y: Subdivision,
+    /// The coefficients, or the [numbers](Process::numbers) of the process: they aren't as many.
+    numbers: Vec<f64>,
 }
 
 /// Rectangle that contains the calibration points, mm.
@@ -73,6 +89,9 @@ const SAME_MM: f64 = 1e-3;
 const MOST_CELLS: usize = 64;
 /// Least number of cells along one axis.
 const FEWEST_CELLS: usize = 4;
+/// Number of coefficients from which a table is made from its process again when a file is read: 4 MB. Below it reading the table is
+/// faster.
+const MOST_STORED: usize = 500_000;
 
 impl SplineField {
     /// Tabulates `sample` in cells of about `step_mm`. `sample` is called once for the values at many places (row-major, places x
@@ -85,13 +104,34 @@ impl SplineField {
     ) -> Self {
         let x = Subdivision::new(area.least.x_mm, area.most.x_mm, step_mm);
         let y = Subdivision::new(area.least.y_mm, area.most.y_mm, step_mm);
-        // One more node each way than coefficients: a coefficient is made from three samples.
-        let (wide, high) = (x.coefficients() + 2, y.coefficients() + 2);
-        let place = |node: usize| Place::new(x.node(node % wide), y.node(node / wide));
-        let samples = sample(&(0..wide * high).map(place).collect::<Vec<_>>());
-        let along_x = quasi_interpolated(&samples, high, wide, channels);
-        let row = x.coefficients() * channels;
-        SplineField { area, channels, x, y, coefficients: quasi_interpolated(&along_x, 1, high, row) }
+        SplineField { area, channels, x, y, coefficients: coefficients(&x, &y, channels, sample), process: None }
+    }
+
+    /// Tabulates the predictions of a process, one channel for each of its outputs. `sample` returns the same predictions, except for
+    /// rounding, and is faster.
+    pub(crate) fn of_process(
+        area: CalibratedArea,
+        step_mm: f64,
+        process: &Process,
+        sample: impl FnOnce(&[Place]) -> Vec<f64>,
+    ) -> Self {
+        let (x, y) = (
+            Subdivision::new(area.least.x_mm, area.most.x_mm, step_mm),
+            Subdivision::new(area.least.y_mm, area.most.y_mm, step_mm),
+        );
+        let channels = process.mean.len();
+        let count = x.coefficients() * y.coefficients() * channels;
+        if count <= MOST_STORED || 2 * process.numbers().len() > count {
+            return SplineField::new(area, step_mm, channels, sample);
+        }
+        SplineField::made(area, x, y, process.clone())
+    }
+
+    /// Makes the table of a process: with the same numbers on every machine.
+    fn made(area: CalibratedArea, x: Subdivision, y: Subdivision, process: Process) -> Self {
+        let channels = process.mean.len();
+        let coefficients = coefficients(&x, &y, channels, |places| process.predict_places(places));
+        SplineField { area, channels, x, y, coefficients, process: Some(Arc::new(process)) }
     }
 
     /// Returns the area of the table.
@@ -151,7 +191,7 @@ impl SplineField {
     pub(crate) fn of_channels(&self, kept: &[usize]) -> Self {
         let nodes = self.coefficients.chunks_exact(self.channels);
         let coefficients = nodes.flat_map(|node| kept.iter().map(|channel| node[*channel])).collect();
-        SplineField { channels: kept.len(), coefficients, ..self.clone() }
+        SplineField { channels: kept.len(), coefficients, process: None, ..*self }
     }
 
     /// Returns the value of one channel and its changes with x and with y, per mm.
@@ -169,6 +209,28 @@ impl SplineField {
 
     fn node(&self, x: usize, y: usize) -> &[f64] {
         &self.coefficients[(y * self.x.coefficients() + x) * self.channels..][..self.channels]
+    }
+}
+
+impl From<SplineField> for StoredField {
+    fn from(SplineField { area, channels, x, y, coefficients, process }: SplineField) -> Self {
+        let numbers = process.map_or(coefficients, |process| process.numbers());
+        StoredField { area, channels, x, y, numbers }
+    }
+}
+
+impl TryFrom<StoredField> for SplineField {
+    type Error = &'static str;
+
+    fn try_from(StoredField { area, channels, x, y, numbers }: StoredField) -> Result<Self, Self::Error> {
+        let nodes = x.coefficients().saturating_mul(y.coefficients());
+        if numbers.len() == nodes.saturating_mul(channels) {
+            return Ok(SplineField { area, channels, x, y, coefficients: numbers, process: None });
+        }
+        match Process::of_numbers(&numbers, channels) {
+            Some(process) if x.cells.max(y.cells) <= MOST_CELLS => Ok(SplineField::made(area, x, y, process)),
+            _ => Err("a table of the map has a wrong size"),
+        }
     }
 }
 
@@ -198,7 +260,7 @@ impl Subdivision {
     }
 
     fn coefficients(&self) -> usize {
-        self.cells + 3
+        self.cells.saturating_add(3) // a damaged file may state any number
     }
 
     /// Position of a sample. The third sample is at the axis' least value.
@@ -222,6 +284,21 @@ impl Subdivision {
             slopes: [-u * u * slope, t * (3.0 * t - 4.0) * slope, u * (4.0 - 3.0 * u) * slope, t * t * slope],
         }
     }
+}
+
+/// Returns the coefficients of a table (row-major, y nodes x x nodes x channels). `sample` is called once, for all places.
+fn coefficients(
+    x: &Subdivision,
+    y: &Subdivision,
+    channels: usize,
+    sample: impl FnOnce(&[Place]) -> Vec<f64>,
+) -> Vec<f64> {
+    // One more node each way than coefficients: a coefficient is made from three samples.
+    let (wide, high) = (x.coefficients() + 2, y.coefficients() + 2);
+    let place = |node: usize| Place::new(x.node(node % wide), y.node(node / wide));
+    let samples = sample(&(0..wide * high).map(place).collect::<Vec<_>>());
+    let along_x = quasi_interpolated(&samples, high, wide, channels);
+    quasi_interpolated(&along_x, 1, high, x.coefficients() * channels)
 }
 
 /// Returns coefficients of cubic B-splines from samples along the middle one of three dimensions: (-f- + 8 f - f+) / 6, which is

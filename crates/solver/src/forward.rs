@@ -22,6 +22,7 @@ use serde::{Deserialize, Serialize};
 /// The best place of a grid is refined by [`Descent`]. Each unit is weighted by its variance, which contains this reading's noise
 /// and the map's own error. The residual of the fit shows whether one contact can have caused the reading.
 #[derive(Serialize, Deserialize)]
+#[serde(from = "StoredForward")]
 pub(super) struct Forward {
     kind: MapKind,
     pub response: ForwardResponse,
@@ -32,6 +33,27 @@ pub(super) struct Forward {
     pub loudest: Vec<f64>,
     pub limits: MisfitLimits,
     widths: Option<Widths>,
+}
+
+/// An inverted map in a sensor file, whose starts have no directions.
+#[derive(Deserialize)]
+struct StoredForward {
+    kind: MapKind,
+    response: ForwardResponse,
+    load: ForceKnown,
+    common_offset: bool,
+    starts: Starts,
+    loudest: Vec<f64>,
+    limits: MisfitLimits,
+    widths: Option<Widths>,
+}
+
+impl From<StoredForward> for Forward {
+    fn from(stored: StoredForward) -> Self {
+        let StoredForward { kind, response, load, common_offset, starts, loudest, limits, widths } = stored;
+        let starts = starts.with_directions(&response.field);
+        Forward { kind, response, load, common_offset, starts, loudest, limits, widths }
+    }
 }
 
 /// Kind of a map.

@@ -103,6 +103,11 @@ impl Kriging {
         self.process.predict(place, outputs)
     }
 
+    /// Returns the process that predicts.
+    pub(crate) fn process(&self) -> &Process {
+        &self.process
+    }
+
     /// Returns the process that predicts, without the data for its uncertainty.
     pub(crate) fn into_process(self) -> Process {
         self.process

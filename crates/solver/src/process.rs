@@ -5,11 +5,12 @@ use super::correlation::Correlation;
 use super::hyperparameters::Hyperparameters;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
+use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
 
 /// Gaussian process with known correlation and noise. It predicts with a Cholesky factor (Rasmussen and Williams 2006, algorithm
 /// 2.1).
-#[derive(Clone, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Process {
     /// Inputs, row-major, rows x dimensions.
     pub inputs: Vec<f64>,
@@ -67,6 +68,36 @@ impl Process {
     pub(crate) fn predict(&self, input: &[f64], outputs: &mut [f64]) -> f64 {
         outputs.copy_from_slice(&self.mean);
         self.correlation.add_weighted(input, &self.inputs, &self.weights, outputs)
+    }
+}
+
+/// Numbers of a process besides its mean, inputs and weights.
+const NUMBERS: usize = 2;
+
+impl Process {
+    /// Returns the predictions of a process of places (inputs x and y), row-major, places x outputs.
+    pub(crate) fn predict_places(&self, places: &[Place]) -> Vec<f64> {
+        let mut predicted = vec![0.0; places.len() * self.mean.len()];
+        for (place, outputs) in places.iter().zip(predicted.chunks_exact_mut(self.mean.len())) {
+            self.predict(&[place.x_mm, place.y_mm], outputs);
+        }
+        predicted
+    }
+
+    /// Returns all numbers of a process of places: the correlation, the means, the places, and the weights.
+    pub(crate) fn numbers(&self) -> Vec<f64> {
+        [&self.correlation.numbers()[..], &self.mean, &self.inputs, &self.weights].concat()
+    }
+
+    /// Returns the process of places with these [numbers](Self::numbers) and so many outputs; `None` if there is none.
+    pub(crate) fn of_numbers(numbers: &[f64], outputs: usize) -> Option<Self> {
+        let (correlation, rest) = numbers.split_first_chunk::<NUMBERS>()?;
+        let (mean, rest) = rest.split_at_checked(outputs)?;
+        let count = rest.len() / (2 + outputs);
+        let (inputs, weights) = rest.split_at_checked(2 * count)?;
+        let correlation = Correlation::of_numbers(*correlation).filter(|_| weights.len() == count * outputs)?;
+        let [mean, inputs, weights] = [mean, inputs, weights].map(<[f64]>::to_vec);
+        Some(Process { inputs, correlation, mean, weights })
     }
 }
 

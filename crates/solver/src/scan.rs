@@ -1,7 +1,7 @@
 //! Searches a table for the largest dot products.
 
 use pulp::{Arch, Simd, WithSimd};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 /// Table of rows of length 1, and the search for the rows with the largest dot product with a direction.
 ///
@@ -82,6 +82,11 @@ impl Scan {
     /// Takes rows x units, row-major, each row of length 1. Requires at least one unit.
     pub(crate) fn new(units: usize, rows: Vec<f64>) -> Self {
         Scan { arch: Arch::new(), units, panels: panels(units, &rows), rows }
+    }
+
+    /// Serialises the table without its rows.
+    pub(crate) fn serialize_empty<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Rows { units: self.units, rows: Vec::new() }.serialize(serializer)
     }
 
     /// Returns all rows, row-major.

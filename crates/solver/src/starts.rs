@@ -1,5 +1,6 @@
 //! Start places for the search for the best fit.
 
+use super::field::SplineField;
 use super::response::ForwardResponse;
 use super::scan::{Scan, to_length_one};
 use super::workspace::Workspace;
@@ -13,7 +14,8 @@ pub(super) struct Starts {
     pub common_offset: bool,
     /// Noise of each unit under the calibration's force.
     pub sd: Vec<f64>,
-    /// Response at each place in units of `sd`, scaled to length 1.
+    /// Response at each place in units of `sd`, scaled to length 1. They aren't stored, because they follow from the map.
+    #[serde(serialize_with = "Scan::serialize_empty")]
     pub directions: Scan,
 }
 
@@ -25,19 +27,27 @@ pub(super) const MOST_STARTS: usize = 6;
 
 impl Starts {
     pub(crate) fn new(response: &ForwardResponse, common_offset: bool) -> Self {
-        let (area, units) = (response.field.area(), response.field.channels());
-        let places = area.grid(STARTS_A_SIDE);
-        let sd = response.typical_sd();
-        let mut directions = vec![0.0; places.len() * units];
-        for (place, row) in places.iter().zip(directions.chunks_exact_mut(units)) {
-            response.field.value(*place, row);
-            row.iter_mut().zip(&sd).for_each(|(value, sd)| *value /= sd);
-            if common_offset {
-                project_out(row, &sd);
+        let (places, sd) = (response.field.area().grid(STARTS_A_SIDE), response.typical_sd());
+        let directions = Scan::new(response.field.channels(), Vec::new());
+        Starts { places, common_offset, sd, directions }.with_directions(&response.field)
+    }
+
+    /// Returns the same places with their directions in the map. Those of an older file are kept.
+    pub(crate) fn with_directions(self, field: &SplineField) -> Self {
+        if !self.directions.rows().is_empty() {
+            return self;
+        }
+        let units = field.channels();
+        let mut directions = vec![0.0; self.places.len() * units];
+        for (place, row) in self.places.iter().zip(directions.chunks_exact_mut(units.max(1))) {
+            field.value(*place, row);
+            row.iter_mut().zip(&self.sd).for_each(|(value, sd)| *value /= sd);
+            if self.common_offset {
+                project_out(row, &self.sd);
             }
             to_length_one(row); // a row of zeros stays, and has no direction
         }
-        Starts { places, common_offset, sd, directions: Scan::new(units, directions) }
+        Starts { directions: Scan::new(units, directions), ..self }
     }
 
     /// Fills `workspace.starts` with the places whose directions are closest to the reading's, the closest first. It takes the

@@ -49,7 +49,7 @@ fn map(
     let held_out = kriging.held_out();
     let area = CalibratedArea::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
     let sample = |places: &[Place]| kriging.predict_all(&coordinates(places.iter().copied()));
-    let field = SplineField::new(area, kriging.grain() / CELLS_A_GRAIN, units, sample);
+    let field = SplineField::of_process(area, kriging.grain() / CELLS_A_GRAIN, kriging.process(), sample);
     let held = spots.hold_out(calibration, &held_out.residuals, &held_out.leverage, kriging.is_weighted());
     let leverage = |places: &[Place]| kriging.leverage(&coordinates(places.iter().copied()));
     Ok(ForwardResponse {
