@@ -6,8 +6,7 @@ use super::readings::PyReadings;
 use super::refused::{UsageError, raised, warn};
 use palpate::api::{self, ColumnsOptions, Measure, MethodOptions, Note, Sensor, SensorModel};
 use palpate_core::parallel::lock;
-use palpate_data::dataset::Fingerprint;
-use palpate_data::dataset::answers::SearchingApart;
+use palpate_data::dataset::{Fingerprint, LiveSession};
 use palpate_solver::{self as solver, Solver as _};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
@@ -35,7 +34,7 @@ pub struct PyModel {
 /// One reading after another of one sensor. An output that breaks is excluded from then on.
 #[pyclass(name = "Session", frozen, module = "palpate")]
 pub struct PySession {
-    session: Mutex<SearchingApart>,
+    session: Mutex<LiveSession>,
     model: Arc<solver::Model>,
 }
 
@@ -147,7 +146,7 @@ impl PyModel {
 
     /// Begins a session: one reading after another, where an output that breaks is excluded from then on, as in `palpate solve`.
     fn session(&self) -> PySession {
-        let session = SearchingApart::new(solver::Session::new(self.model.clone()));
+        let session = LiveSession::new(solver::Session::new(self.model.clone()));
         PySession { session: Mutex::new(session), model: self.model.clone() }
     }
 
@@ -211,8 +210,10 @@ impl PySession {
     fn solve<'py>(&self, py: Python<'py>, readings: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         solved(py, readings, &self.model, |is_batch, solve| {
             let mut session = lock(&self.session);
-            session.take_backlog(is_batch);
-            solve(&mut |outputs| session.solve(outputs));
+            match is_batch {
+                true => solve(&mut |outputs| session.solve_known(outputs)),
+                false => solve(&mut |outputs| session.solve(outputs)),
+            }
         })
     }
 

@@ -9,7 +9,8 @@ use super::solutions::{Measure, Solutions};
 use super::stream::AnswerStream;
 use super::{Failure, Note};
 use miette::{IntoDiagnostic, WrapErr};
-use palpate_data::dataset::answers::{Answers, ReadingSolver, SearchingApart};
+use palpate_data::dataset::LiveSession;
+use palpate_data::dataset::answers::{Answers, ReadingSolver};
 use palpate_data::dataset::readings::{Readings, StreamLines};
 use palpate_data::dataset::sensor_file::SensorModel;
 use palpate_solver::vector::{VectorFits, VectorSession};
@@ -106,7 +107,7 @@ pub fn solve(
             let units = model.validity().units;
             let session = Session::new(*model);
             match options.is_live {
-                true => answer(SearchingApart::new(session), units, options, readings, solutions, note),
+                true => answer(LiveSession::new(session), units, options, readings, solutions, note),
                 false => answer(session, units, options, readings, solutions, note),
             }
         }

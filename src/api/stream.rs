@@ -53,12 +53,14 @@ impl AnswerStream<'_> {
                 Ok(None) => {}
                 Err(error) => break Err(error),
             }
-            answers.take_backlog(lines.has_backlog());
             if lines.is_drained() {
                 solutions.flush()?;
             }
         };
         solutions.flush()?;
+        for change in answers.finish() {
+            (self.note)(&format!("{}: {}", self.source, said(change)));
+        }
         if is_empty && end.is_ok() && self.with_reasons {
             (self.note)(&format!("{}: no reading", self.source));
         }
@@ -76,20 +78,23 @@ impl AnswerStream<'_> {
             note(&format!("unsolved, {why} (reported once)"));
         }
         for change in answer.changes {
-            note(&match change {
-                FaultChange::LeftOut(faulty) => format!("{}, left out from here on", faulty.text()),
-                FaultChange::Back(unit) => {
-                    format!("output {} agrees with the others again, used from here on", unit + 1)
-                }
-                FaultChange::Unfit => {
-                    "an output is at fault, but the sensor file has no presses to leave it out: fit again".to_owned()
-                }
-            });
+            note(&said(change));
         }
         if answer.is_out_of_date {
             note(
                 "too many of the last contacts don't fit the calibration; if each was at one place only, calibrate the sensor again",
             );
+        }
+    }
+}
+
+/// Describes a change of the units that are left out.
+fn said(change: &FaultChange) -> String {
+    match change {
+        FaultChange::LeftOut(faulty) => format!("{}, left out from here on", faulty.text()),
+        FaultChange::Back(unit) => format!("output {} agrees with the others again, used from here on", unit + 1),
+        FaultChange::Unfit => {
+            "an output is at fault, but the sensor file has no presses to leave it out: fit again".to_owned()
         }
     }
 }

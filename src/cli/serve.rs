@@ -10,10 +10,10 @@ use crate::api::solutions::{Measure, Solutions};
 use crate::api::stream::AnswerStream;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::parallel::lock;
-use palpate_data::dataset::Mapping;
-use palpate_data::dataset::answers::{Answers, ReadingSolver, SearchingApart};
+use palpate_data::dataset::answers::{Answers, ReadingSolver};
 use palpate_data::dataset::readings::{Readings, StreamLines};
 use palpate_data::dataset::sensor_file::SensorModel;
+use palpate_data::dataset::{LiveSession, Mapping};
 use palpate_solver::vector::{VectorFits, VectorSession};
 use palpate_solver::{Fits, HistoryRegression, HistorySession, Session};
 use socket2::{Domain, Socket, Type};
@@ -193,7 +193,7 @@ impl Service {
                 let model = fits.model();
                 let solutions = Solutions::new(stream, self.json, true, Measure::of(model)).of_methods(model.fitted());
                 self.answer(
-                    SearchingApart::new(Session::sharing(fits.clone())),
+                    LiveSession::new(Session::sharing(fits.clone())),
                     model.validity().units,
                     client,
                     peer,

@@ -2,10 +2,10 @@
 
 use super::fitted::Answering;
 use super::forward::Forward;
-use super::nearest::NearestPresses;
+use super::nearest::{ComparedReading, NearestPresses};
 use super::{Model, Workspace};
 use palpate_core::parallel::lock;
-use std::collections::BTreeMap;
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// What a model predicts of a reading, from the outputs that count.
@@ -39,8 +39,16 @@ pub(super) struct Expectation {
     beside_map: OnceLock<Option<NearestPresses>>,
     /// Typical size of each output.
     scales: Vec<f64>,
-    /// Misfits of held-out presses, without these units.
-    held_out: Mutex<BTreeMap<Vec<usize>, Arc<HeldOutMisfits>>>,
+    /// Misfits of held-out presses, without these units; the last ones that were needed.
+    held_out: Mutex<VecDeque<(Vec<usize>, Arc<HeldOutMisfits>)>>,
+}
+
+/// A contact, prepared for its comparison with what is expected without some units.
+pub(super) enum ExpectedContact {
+    /// Compared with the presses.
+    Presses(ComparedReading),
+    /// The outputs, for a map.
+    Map(Vec<f64>),
 }
 
 /// Misfits of good contacts.
@@ -76,8 +84,8 @@ fn relative(log_misfit: f64, typical: f64) -> f64 {
     (log_misfit - typical).exp().ln_1p()
 }
 
-/// Largest number of sets of units whose held-out misfits are kept.
-const MOST_SETS: usize = 2000;
+/// Largest number of sets of units whose held-out misfits are kept: more than the 45 sets of nine units, and than a search needs.
+pub(super) const MOST_SETS: usize = 200;
 
 impl Expectation {
     /// Returns the expectation of a model; `None` if it has neither a map nor presses.
@@ -94,11 +102,24 @@ impl Expectation {
         Some(Expectation { model, presses, beside_map: OnceLock::new(), scales, held_out: Mutex::default() })
     }
 
-    /// Returns what the model predicts of a reading, of which some units don't count. `None` if nothing explains any of it.
-    pub(crate) fn predict(&self, outputs: &[f64], without: &[usize], workspace: &mut Workspace) -> Option<Prediction> {
-        match (&self.presses, map_of(&self.model)) {
-            (Some(presses), _) => Some(presses.predict(outputs, without)),
-            (None, map) => map?.predict(outputs, without, workspace),
+    /// Prepares a contact for predictions.
+    pub(crate) fn contact(&self, outputs: Vec<f64>) -> ExpectedContact {
+        match &self.presses {
+            Some(presses) => ExpectedContact::Presses(presses.compare(outputs)),
+            None => ExpectedContact::Map(outputs),
+        }
+    }
+
+    /// Returns what the model predicts of a contact, of which some units don't count. `None` if nothing explains any of it.
+    pub(crate) fn predict(
+        &self,
+        contact: &ExpectedContact,
+        without: &[usize],
+        workspace: &mut Workspace,
+    ) -> Option<Prediction> {
+        match contact {
+            ExpectedContact::Presses(reading) => Some(self.presses.as_ref()?.predict(reading, without)),
+            ExpectedContact::Map(outputs) => map_of(&self.model)?.predict(outputs, without, workspace),
         }
         .filter(|prediction| prediction.log_misfit.is_finite())
     }
@@ -142,8 +163,13 @@ impl Expectation {
         presses.repeats(unit, |output| self.scaled(unit, output) == scaled)
     }
 
+    /// Number of held-out presses that show the usual misfits.
+    pub(crate) fn held_out_count(&self) -> usize {
+        self.presses.as_ref().map_or(0, NearestPresses::held_count)
+    }
+
     fn held_out(&self, presses: &NearestPresses, without: &[usize]) -> Arc<HeldOutMisfits> {
-        if let Some(known) = lock(&self.held_out).get(without) {
+        if let Some((_, known)) = lock(&self.held_out).iter().find(|(units, _)| units == without) {
             return known.clone();
         }
         let mut misfits = presses.held_out(without);
@@ -153,10 +179,20 @@ impl Expectation {
         let found = Arc::new(HeldOutMisfits { typical, relative: misfits });
         let mut held_out = lock(&self.held_out);
         if held_out.len() >= MOST_SETS {
-            held_out.clear();
+            held_out.pop_front();
         }
-        held_out.insert(without.to_vec(), found.clone());
+        held_out.push_back((without.to_vec(), found.clone()));
         found
+    }
+}
+
+impl ExpectedContact {
+    /// Outputs of the units that the model uses.
+    pub(crate) fn outputs(&self) -> &[f64] {
+        match self {
+            ExpectedContact::Presses(reading) => &reading.outputs,
+            ExpectedContact::Map(outputs) => outputs,
+        }
     }
 }
 

@@ -1,9 +1,8 @@
 //! Finds units that broke since the calibration, and units that work again.
 
-use super::expectation::{Expectation, Prediction, is_near, mean_and_sd};
+use super::expectation::{Expectation, ExpectedContact, MOST_SETS, UsualMisfit, is_near, mean_and_sd};
+use super::search_schedule::{CONTACTS_LEAST, SearchWork, Shown};
 use super::{Broken, Fits, Fitted, OutputFault, Workspace};
-use palpate_core::parallel::lock;
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 /// Search for units at fault among the last contacts of a session. It answers no reading, so a program may run it in a thread of its own.
@@ -14,9 +13,15 @@ use std::sync::Arc;
 /// of held-out presses, so a misfit that all units share, such as that of a drift, names no unit.
 pub struct FaultSearch {
     fits: Arc<Fits>,
-    evidence: FaultEvidence,
     /// Outputs of the contacts, of all units.
     contacts: Vec<Vec<f64>>,
+    /// Units that broke in the session.
+    broke: Vec<Broken>,
+    work: SearchWork,
+    /// Sets of units whose usual misfits the session has paid for.
+    paid: Vec<Vec<usize>>,
+    /// Whether the credit suffices for trying units.
+    may_try: bool,
     /// Number of restarts of the session before.
     restarts: u64,
 }
@@ -24,7 +29,11 @@ pub struct FaultSearch {
 /// Result of a search.
 pub struct SearchedFaults {
     pub(super) restarts: u64,
-    pub(super) evidence: FaultEvidence,
+    /// Multiplications that it needed.
+    pub(super) spent: u64,
+    pub(super) shown: Shown,
+    /// Sets of units whose usual misfits the session has paid for.
+    pub(super) paid: Vec<Vec<usize>>,
     /// Units that are left out, and the method without them, if they changed.
     pub(super) found: Option<(Vec<Broken>, Option<Arc<Fitted>>)>,
     pub(super) changes: Vec<FaultChange>,
@@ -58,42 +67,57 @@ impl FaultyUnit {
     }
 }
 
-/// What the contacts so far showed about each unit. Units are those that the model uses, in its order.
-#[derive(Clone, Default)]
-pub(super) struct FaultEvidence {
+/// The contacts of a search, compared with what is expected without some units. Units are those that the model uses, in its order.
+struct Comparison<'a> {
+    expectation: &'a Expectation,
+    units: usize,
     /// Units that broke in the session.
     left_out: Vec<usize>,
-    contacts: VecDeque<TriedContact>,
-    /// How much worse the misfit of the last contacts is with each unit that is left out.
-    returns: BTreeMap<usize, VecDeque<f64>>,
-    /// Whether a fault was found that can't be left out.
-    is_unfit: bool,
+    /// The newest first.
+    contacts: Vec<ComparedContact>,
+    /// Number of contacts that each unit felt.
+    felt: Vec<usize>,
+    /// Misfits of good contacts without the units that are left out.
+    usual: UsualMisfit,
+    /// Sets of one or two units that are tried.
+    suspects: Vec<Vec<usize>>,
+    work: SearchWork,
+    paid: Vec<Vec<usize>>,
+    spent: u64,
+    workspace: Workspace,
 }
 
 /// A contact that was compared with what is expected without some units. Misfits are logarithms, compared with those of held-out presses.
-#[derive(Clone)]
-struct TriedContact {
+struct ComparedContact {
+    contact: ExpectedContact,
     /// Outputs, in units of their typical size.
     reading: Vec<f32>,
     /// Misfit of all units.
     misfit: f64,
-    /// Misfits without one or two units.
-    tried: Vec<(Vec<usize>, f64)>,
-    /// Units that should have felt the contact.
-    felt: Vec<usize>,
+    /// Deviation of each unit from what is expected, in standard deviations.
+    deviations: Vec<f64>,
+    /// Misfits without each set of suspects; `None` if it wasn't tried.
+    tried: Vec<Option<f64>>,
+    /// Whether each unit felt the contact, or should have felt it.
+    is_felt: Vec<bool>,
 }
 
-/// Number of contacts that are remembered, and of those that a unit felt, which are compared: the last ones.
-const REMEMBERED_MOST: usize = 500;
-const CONTACTS_MOST: usize = 60;
-/// Number of contacts from which a unit may be named.
-const CONTACTS_LEAST: usize = 20;
-/// Largest number of repeated outputs that count: those of contacts at one side of a skin aren't independent.
-const REPEATED_MOST: usize = 30;
 /// Number of units that are tried, alone and in pairs: those that deviate most.
 const CANDIDATES_MOST: usize = 8;
 /// Least number of units that are left.
 const UNITS_LEAST: usize = 2;
+/// Largest number of repeated outputs that count: those of contacts at one side of a skin aren't independent.
+const REPEATED_MOST: usize = 30;
+/// Largest number of contacts that a unit felt, which are compared: the last ones. Least number of them from which it may be used again.
+const CONTACTS_MOST: usize = 60;
+const FELT_AGAIN_LEAST: usize = 30;
+/// Mean misfit from which misfits are larger than usual, in standard errors.
+const SUSPICIOUS_SD: f64 = 2.5;
+/// Mean deviation from which a unit is suspicious, in standard deviations; that of a single contact counts up to the second constant. Least
+/// number of such contacts.
+const DEVIATES_SD: f64 = 2.0;
+const DEVIATES_MOST_SD: f64 = 5.0;
+const DEVIATES_IN: usize = 5;
 /// Misfit from which no single unit explains a contact, in standard deviations of held-out presses.
 const UNEXPLAINED_SD: f64 = 1.6;
 /// Sufficient evidence (natural logarithm): ten thousand to one.
@@ -108,43 +132,61 @@ const EXPLAINED: f64 = 0.5;
 const WORKS_SD: f64 = 0.5;
 
 impl FaultSearch {
-    pub(super) fn new(fits: Arc<Fits>, evidence: FaultEvidence, contacts: Vec<Vec<f64>>, restarts: u64) -> Self {
-        FaultSearch { fits, evidence, contacts, restarts }
+    pub(super) fn new(
+        fits: Arc<Fits>,
+        contacts: Vec<Vec<f64>>,
+        broke: Vec<Broken>,
+        work: SearchWork,
+        paid: Vec<Vec<usize>>,
+        may_try: bool,
+        restarts: u64,
+    ) -> Self {
+        FaultSearch { fits, contacts, broke, work, paid, may_try, restarts }
     }
 
     /// Searches. The result is for [`Session::accept`](super::Session::accept).
     pub fn run(self) -> SearchedFaults {
-        let FaultSearch { fits, mut evidence, contacts, restarts } = self;
-        let (mut changes, mut found, mut workspace) = (Vec::new(), None, Workspace::default());
-        let _alone = lock(&fits.searching);
-        let Some(expectation) = fits.expectation() else {
-            return SearchedFaults { restarts, evidence, found, changes };
-        };
+        let FaultSearch { fits, contacts, broke, work, paid, may_try, restarts } = self;
+        let mut nothing =
+            SearchedFaults { restarts, spent: 0, shown: Shown::Usual, paid, found: None, changes: Vec::new() };
+        let Some(expectation) = fits.expectation() else { return nothing };
         let kept = fits.model().fitted().kept();
-        for contact in contacts {
-            let outputs: Vec<f64> = kept.iter().map(|&unit| contact[unit]).collect();
-            evidence.add(expectation, &outputs, &mut workspace);
-        }
-        if let Some(decision) = evidence.decide(expectation, kept.len()) {
-            let left_out = decision.applied(&evidence.left_out);
-            let broke: Vec<Broken> =
-                left_out.iter().map(|&unit| Broken { unit: kept[unit], fault: OutputFault::Contradicts }).collect();
-            let fitted = match broke.is_empty() {
-                true => Ok(Ok(None)),
-                false => fits.without(&broke).map(|fitted| fitted.map(Some)),
-            };
-            match fitted {
-                Ok(Ok(fitted)) => {
-                    changes.extend(decision.stated(&kept));
-                    found = Some((broke, fitted));
-                    evidence = FaultEvidence { left_out, ..FaultEvidence::default() };
-                }
-                Err(_) if !std::mem::replace(&mut evidence.is_unfit, true) => changes.push(FaultChange::Unfit),
-                // an array that has too few units left continues with those it has
-                _ => evidence.contacts.clear(),
+        let left_out = broke.iter().filter_map(|broken| kept.iter().position(|unit| *unit == broken.unit)).collect();
+        let paid = std::mem::take(&mut nothing.paid);
+        let mut comparison = Comparison::new(expectation, kept.len(), left_out, work, paid);
+        for contact in contacts.iter().rev() {
+            comparison.add(kept.iter().map(|&unit| contact[unit]).collect());
+            if comparison.all_felt(CONTACTS_MOST) {
+                break;
             }
         }
-        SearchedFaults { restarts, evidence, found, changes }
+        let shown = comparison.shown();
+        let mut decision = comparison.stuck();
+        if decision.is_none() && shown == Shown::Suspicious && may_try && comparison.may_name() {
+            comparison.try_candidates();
+            decision = comparison.contradicting();
+        }
+        let decision = decision.or_else(|| comparison.works_again());
+        let Comparison { left_out, spent, paid, .. } = comparison;
+        let searched = SearchedFaults { spent, shown, paid, ..nothing };
+        let Some(decision) = decision else { return searched };
+        let broke: Vec<Broken> = decision
+            .applied(&left_out)
+            .iter()
+            .map(|&unit| Broken { unit: kept[unit], fault: OutputFault::Contradicts })
+            .collect();
+        let fitted = match broke.is_empty() {
+            true => Ok(Ok(None)),
+            false => fits.without(&broke).map(|fitted| fitted.map(Some)),
+        };
+        match fitted {
+            Ok(Ok(fitted)) => {
+                SearchedFaults { found: Some((broke, fitted)), changes: decision.stated(&kept), ..searched }
+            }
+            Err(_) => SearchedFaults { changes: vec![FaultChange::Unfit], ..searched },
+            // an array that has too few units left continues with those it has
+            Ok(Err(_)) => searched,
+        }
     }
 }
 
@@ -173,90 +215,206 @@ impl Decision {
     }
 }
 
-impl FaultEvidence {
-    /// Compares a contact with what is expected without each unit that may be at fault.
-    fn add(&mut self, expectation: &Expectation, outputs: &[f64], workspace: &mut Workspace) {
-        let left_out = self.left_out.clone();
-        let mut compared = |units: &[usize]| -> Option<(f64, Prediction)> {
-            let without = with(&left_out, units);
-            let prediction = expectation.predict(outputs, &without, workspace)?;
-            Some((expectation.usual(&without, &left_out).compared(prediction.log_misfit), prediction))
-        };
-        let Some((misfit, expected)) = compared(&[]) else { return };
-        let is_felt = |unit: usize, by: &Prediction| by.is_felt(unit, outputs[unit]);
-        let deviation = |unit: usize| (outputs[unit] - expected.outputs[unit]).abs() / expected.sd[unit];
-        let mut candidates: Vec<usize> = (0..outputs.len()).filter(|unit| !left_out.contains(unit)).collect();
-        let mut felt: Vec<usize> = candidates.iter().copied().filter(|&unit| is_felt(unit, &expected)).collect();
-        let used = candidates.len();
-        candidates.sort_by(|&a, &b| deviation(b).total_cmp(&deviation(a)).then(a.cmp(&b)));
-        // a misfit as small as that of most held-out presses leaves nothing to explain
-        let is_suspicious = used > UNITS_LEAST && misfit > 0.0;
-        candidates.truncate(if is_suspicious { CANDIDATES_MOST } else { 0 });
-        let mut tried: Vec<(Vec<usize>, f64)> = Vec::new();
-        for &unit in &candidates {
-            let Some((misfit, prediction)) = compared(&[unit]) else { continue };
-            felt.retain(|other| *other != unit || is_felt(unit, &prediction));
-            if is_felt(unit, &prediction) && !felt.contains(&unit) {
-                felt.push(unit);
-            }
-            tried.push((vec![unit], misfit));
+impl<'a> Comparison<'a> {
+    fn new(
+        expectation: &'a Expectation,
+        units: usize,
+        left_out: Vec<usize>,
+        work: SearchWork,
+        paid: Vec<Vec<usize>>,
+    ) -> Self {
+        Comparison {
+            expectation,
+            units,
+            usual: expectation.usual(&left_out, &left_out),
+            left_out,
+            contacts: Vec::new(),
+            felt: vec![0; units],
+            suspects: Vec::new(),
+            work,
+            paid,
+            spent: 0,
+            workspace: Workspace::default(),
         }
-        let unexplained = UNEXPLAINED_SD * expectation.usual(&left_out, &left_out).sd;
-        if used > UNITS_LEAST + 1 && tried.iter().all(|(_, misfit)| *misfit > unexplained) {
+    }
+
+    /// Compares a contact with what is expected without the units that are left out.
+    fn add(&mut self, outputs: Vec<f64>) {
+        self.spent += self.work.contact;
+        let contact = self.expectation.contact(outputs);
+        let Some(expected) = self.expectation.predict(&contact, &self.left_out, &mut self.workspace) else { return };
+        let misfit = self.usual.compared(expected.log_misfit);
+        let outputs = contact.outputs();
+        let deviation = |(unit, output): (usize, &f64)| (output - expected.outputs[unit]).abs() / expected.sd[unit];
+        let scaled = |(unit, output): (usize, &f64)| self.expectation.scaled(unit, *output);
+        let is_felt: Vec<bool> = (0..self.units).map(|unit| expected.is_felt(unit, outputs[unit])).collect();
+        self.felt.iter_mut().zip(&is_felt).for_each(|(felt, is_felt)| *felt += usize::from(*is_felt));
+        self.contacts.push(ComparedContact {
+            reading: outputs.iter().enumerate().map(scaled).collect(),
+            misfit,
+            deviations: outputs.iter().enumerate().map(deviation).collect(),
+            tried: Vec::new(),
+            is_felt,
+            contact,
+        });
+    }
+
+    /// Units that aren't left out.
+    fn used(&self) -> impl Iterator<Item = usize> {
+        (0..self.units).filter(|unit| !self.left_out.contains(unit))
+    }
+
+    /// Whether each unit felt so many contacts.
+    fn all_felt(&self, least: usize) -> bool {
+        self.contacts.len() >= least && self.used().all(|unit| self.felt[unit] >= least)
+    }
+
+    /// Whether the mean misfit is larger than that of good contacts, or a unit deviates in most contacts that it felt.
+    fn shown(&self) -> Shown {
+        let last = || self.contacts.iter().take(CONTACTS_MOST).map(|contact| contact.misfit);
+        let ((mean, _), count) = (mean_and_sd(last()), last().count() as f64);
+        if mean * count.sqrt() > SUSPICIOUS_SD * self.usual.sd
+            || self.used().any(|unit| self.deviates(unit, DEVIATES_IN))
+        {
+            Shown::Suspicious
+        } else if self.all_felt(CONTACTS_LEAST) {
+            Shown::Usual
+        } else {
+            Shown::TooFew
+        }
+    }
+
+    /// Whether the contacts may suffice for naming a unit: many misfits are large, or a unit deviates in as many as are needed.
+    fn may_name(&self) -> bool {
+        let last = self.contacts.iter().take(CONTACTS_MOST);
+        let large = last.filter(|contact| contact.misfit > self.usual.sd).count();
+        2 * large >= CONTACTS_LEAST || self.used().any(|unit| self.deviates(unit, CONTACTS_LEAST))
+    }
+
+    /// Whether a unit deviates in the last contacts that it felt, if it felt so many.
+    fn deviates(&self, unit: usize, least: usize) -> bool {
+        let felt = self.contacts.iter().filter(|contact| contact.is_felt[unit]).take(CONTACTS_MOST);
+        let (count, sum) = felt
+            .fold((0, 0.0), |(count, sum), contact| (count + 1, sum + contact.deviations[unit].min(DEVIATES_MOST_SD)));
+        count >= least && sum > DEVIATES_SD * count as f64
+    }
+
+    /// Compares the contacts without each unit that may be at fault, and without pairs of them.
+    fn try_candidates(&mut self) {
+        let used = self.units - self.left_out.len();
+        if used <= UNITS_LEAST {
+            return;
+        }
+        let candidates = self.candidates();
+        for &unit in &candidates {
+            self.try_without(vec![unit], |contact| contact.misfit > 0.0);
+        }
+        let unexplained = UNEXPLAINED_SD * self.usual.sd;
+        if used > UNITS_LEAST + 1 {
+            let singles = candidates.len();
+            let is_unexplained = |contact: &ComparedContact| {
+                contact.misfit > 0.0 && contact.tried[..singles].iter().flatten().all(|misfit| *misfit > unexplained)
+            };
             for (rank, one) in candidates.iter().enumerate() {
                 for other in &candidates[rank + 1..] {
-                    let pair = with(&[*one], &[*other]);
-                    tried.extend(compared(&pair).map(|(misfit, _)| (pair, misfit)));
+                    self.try_without(with(&[*one], &[*other]), is_unexplained);
                 }
             }
         }
-        let reading = outputs.iter().enumerate().map(|(unit, &output)| expectation.scaled(unit, output)).collect();
-        self.contacts.push_back(TriedContact { reading, misfit, tried, felt });
-        if self.contacts.len() > REMEMBERED_MOST {
-            self.contacts.pop_front();
+    }
+
+    /// Returns the units that deviate most in the contacts with the larger misfits: a misfit as small as that of most held-out presses
+    /// leaves nothing to explain.
+    fn candidates(&self) -> Vec<usize> {
+        let mut scores: Vec<(f64, usize)> =
+            (0..self.units).filter(|unit| !self.left_out.contains(unit)).map(|unit| (0.0, unit)).collect();
+        for contact in self.contacts.iter().filter(|contact| contact.misfit > 0.0) {
+            let by_deviation = |a: &(f64, usize), b: &(f64, usize)| {
+                contact.deviations[b.1].total_cmp(&contact.deviations[a.1]).then(a.1.cmp(&b.1))
+            };
+            let most = CANDIDATES_MOST.min(scores.len());
+            scores.select_nth_unstable_by(most - 1, by_deviation);
+            scores[..most].sort_by(by_deviation);
+            scores[..most].iter_mut().enumerate().for_each(|(rank, score)| score.0 += 1.0 / (rank + 1) as f64);
         }
-        for &unit in left_out.iter().filter(|unit| is_felt(**unit, &expected)) {
-            let others = without(&left_out, unit);
-            let Some(prediction) = expectation.predict(outputs, &others, workspace) else { continue };
-            let gains = self.returns.entry(unit).or_default();
-            gains.push_back(expectation.usual(&others, &others).compared(prediction.log_misfit) - misfit);
-            if gains.len() > CONTACTS_MOST {
-                gains.pop_front();
+        scores.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        scores.into_iter().take(CANDIDATES_MOST).filter(|(score, _)| *score > 0.0).map(|(_, unit)| unit).collect()
+    }
+
+    /// Compares those contacts without a set of units.
+    fn try_without(&mut self, suspect: Vec<usize>, is_tried: impl Fn(&ComparedContact) -> bool) {
+        let without = with(&self.left_out, &suspect);
+        let usual = self.expectation.usual(&without, &self.left_out);
+        self.pay_usual(&without);
+        let mut count = 0;
+        for contact in self.contacts.iter_mut() {
+            let mut tried = None;
+            if count < CONTACTS_MOST && is_tried(contact) && contact.may_show(&suspect) {
+                count += 1;
+                self.spent += self.work.set;
+                if let Some(prediction) = self.expectation.predict(&contact.contact, &without, &mut self.workspace) {
+                    if let [unit] = suspect[..] {
+                        contact.is_felt[unit] = prediction.is_felt(unit, contact.contact.outputs()[unit]);
+                    }
+                    tried = Some(usual.compared(prediction.log_misfit));
+                }
             }
+            contact.tried.push(tried);
+        }
+        self.suspects.push(suspect);
+    }
+
+    /// Pays for the usual misfits without these units, once.
+    fn pay_usual(&mut self, without: &[usize]) {
+        if !self.paid.iter().any(|units| units == without) {
+            self.spent += self.expectation.held_out_count() as u64 * self.work.set;
+            if self.paid.len() == MOST_SETS {
+                self.paid.remove(0);
+            }
+            self.paid.push(without.to_vec());
         }
     }
 
-    /// Returns the units to leave out or to use again, if the contacts so far are sufficient.
-    fn decide(&self, expectation: &Expectation, units: usize) -> Option<Decision> {
-        if let Some((unit, log_odds)) = (0..units).find_map(|unit| Some((unit, self.stuck(expectation, unit, units)?)))
-        {
-            return Some(Decision::LeaveOut { units: vec![unit], log_odds });
+    /// Returns a unit that reads exactly the same in all contacts that it should have felt.
+    fn stuck(&self) -> Option<Decision> {
+        (0..self.units).find_map(|unit| {
+            let log_odds = self.stuck_log_odds(unit)?;
+            Some(Decision::LeaveOut { units: vec![unit], log_odds })
+        })
+    }
+
+    /// Returns the units that contradict all others, if the contacts are sufficient.
+    fn contradicting(&self) -> Option<Decision> {
+        let sufficient = (0..self.suspects.len()).filter_map(|suspect| Some((suspect, self.log_odds(suspect)?)));
+        let (suspect, log_odds) = sufficient.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        Some(Decision::LeaveOut { units: self.suspects[suspect].clone(), log_odds })
+    }
+
+    /// Returns a unit that was left out and agrees with the others again.
+    fn works_again(&mut self) -> Option<Decision> {
+        for unit in self.left_out.clone() {
+            let others = without(&self.left_out, unit);
+            self.pay_usual(&others);
+            let usual = self.expectation.usual(&others, &others);
+            let mut gains = Vec::new();
+            for contact in self.contacts.iter().filter(|contact| contact.is_felt[unit]).take(CONTACTS_MOST) {
+                self.spent += self.work.set;
+                let prediction = self.expectation.predict(&contact.contact, &others, &mut self.workspace);
+                gains.extend(prediction.map(|with| usual.compared(with.log_misfit) - contact.misfit));
+            }
+            let gain_sd = self.expectation.usual(&self.left_out, &others).gain_sd;
+            if gains.len() >= FELT_AGAIN_LEAST && mean_and_sd(gains.iter().copied()).0 <= WORKS_SD * gain_sd {
+                return Some(Decision::TakeBack(unit));
+            }
         }
-        let tried = self.contacts.iter().flat_map(|contact| contact.tried.iter().map(|(suspect, _)| suspect));
-        let suspects: BTreeSet<&Vec<usize>> = tried.collect();
-        let sufficient = suspects.iter().filter_map(|&suspect| {
-            // most end here, without a comparison with all others
-            let felt = self.contacts.iter().rev().filter(|contact| contact.is_felt_by(suspect)).take(CONTACTS_MOST);
-            let (gain, _) = mean_and_sd(felt.map(|contact| contact.misfit - contact.without(suspect)));
-            let usual = expectation.usual(&with(&self.left_out, suspect), &self.left_out);
-            let is_enough = gain >= GAIN_SD * usual.gain_sd;
-            Some((suspect, is_enough.then(|| self.log_odds(expectation, suspect, &suspects, units))??))
-        });
-        if let Some((suspect, log_odds)) = sufficient.max_by(|a, b| a.1.total_cmp(&b.1)) {
-            return Some(Decision::LeaveOut { units: suspect.clone(), log_odds });
-        }
-        let works = self.returns.iter().find(|(unit, gains)| {
-            let usual = expectation.usual(&self.left_out, &without(&self.left_out, **unit));
-            gains.len() == CONTACTS_MOST && mean_and_sd(gains.iter().copied()).0 <= WORKS_SD * usual.gain_sd
-        });
-        works.map(|(unit, _)| Decision::TakeBack(*unit))
+        None
     }
 
     /// Returns the last contacts that some units felt and of which no two are alike. `None` if they are too few.
-    fn different(&self, units: &[usize], is_alike: impl Fn(&[f32], &[f32]) -> bool) -> Option<Vec<&TriedContact>> {
-        let mut contacts: Vec<&TriedContact> = Vec::new();
-        for contact in self.contacts.iter().rev().filter(|contact| contact.is_felt_by(units)) {
-            let is_new = |other: &&TriedContact| !is_alike(&other.reading, &contact.reading);
+    fn different(&self, units: &[usize], is_alike: impl Fn(&[f32], &[f32]) -> bool) -> Option<Vec<&ComparedContact>> {
+        let mut contacts: Vec<&ComparedContact> = Vec::new();
+        for contact in self.contacts.iter().filter(|contact| contact.is_felt_by(units)) {
+            let is_new = |other: &&ComparedContact| !is_alike(&other.reading, &contact.reading);
             if contacts.len() < CONTACTS_MOST && contacts.iter().all(is_new) {
                 contacts.push(contact);
             }
@@ -265,40 +423,35 @@ impl FaultEvidence {
     }
 
     /// Returns the logarithm of the odds that a unit is stuck, if it reads exactly the same in all contacts that it should have felt.
-    fn stuck(&self, expectation: &Expectation, unit: usize, units: usize) -> Option<f64> {
-        let mut felt = self.contacts.iter().rev().filter(|contact| contact.is_felt_by(&[unit])).take(CONTACTS_LEAST);
+    fn stuck_log_odds(&self, unit: usize) -> Option<f64> {
+        let mut felt = self.contacts.iter().filter(|contact| contact.is_felt[unit]).take(CONTACTS_LEAST);
         let first = felt.next()?.reading[unit];
         if self.left_out.contains(&unit) || !felt.all(|contact| contact.reading[unit] == first) {
             return None;
         }
         let contacts = self.different(&[unit], |one, other| is_near(one, other, &[unit]))?;
         let repeated = contacts.iter().take_while(|contact| contact.reading[unit] == first).count().min(REPEATED_MOST);
-        let log_odds = -(repeated as f64) * expectation.repeats(unit, first)?.ln() - (units as f64).ln();
+        let log_odds = -(repeated as f64) * self.expectation.repeats(unit, first)?.ln() - (self.units as f64).ln();
         (repeated >= CONTACTS_LEAST && log_odds >= ENOUGH).then_some(log_odds)
     }
 
     /// Returns the logarithm of the odds that these units are at fault, and no others or none, if the contacts that they felt are enough
     /// and are explained without them. Means of differences are normal; as many sets of units could have been chosen as there are.
-    fn log_odds(
-        &self,
-        expectation: &Expectation,
-        suspect: &[usize],
-        suspects: &BTreeSet<&Vec<usize>>,
-        units: usize,
-    ) -> Option<f64> {
-        let usual = expectation.usual(&with(&self.left_out, suspect), &self.left_out);
+    fn log_odds(&self, suspect: usize) -> Option<f64> {
+        let units = &self.suspects[suspect];
+        let usual = self.expectation.usual(&with(&self.left_out, units), &self.left_out);
         // the model's errors at one place would count several times
-        let contacts = self.different(suspect, |one, other| expectation.is_alike(one, other, suspect))?;
-        let own: Vec<f64> = contacts.iter().map(|contact| contact.without(suspect)).collect();
+        let contacts = self.different(units, |one, other| self.expectation.is_alike(one, other, units))?;
+        let own: Vec<f64> = contacts.iter().map(|contact| self.misfit_without(contact, suspect)).collect();
         let rest = own.iter().sum::<f64>() / own.len() as f64;
-        let sigmas = |other: &[usize]| {
-            let difference = |(contact, own): (&&TriedContact, &f64)| contact.without(other) - own;
-            let differences: Vec<f64> = contacts.iter().zip(&own).map(difference).collect();
+        let sigmas = |others: &dyn Fn(&ComparedContact) -> f64| {
+            let differences: Vec<f64> = contacts.iter().zip(&own).map(|(contact, own)| others(contact) - own).collect();
             let (mean, sd) = mean_and_sd(differences.iter().copied());
             (mean, mean / sd.max(usual.gain_sd) * (contacts.len() as f64).sqrt())
         };
-        let (gain, gain_sigmas) = sigmas(&[]);
-        let sets = (0..suspect.len()).map(|chosen| ((units - chosen) as f64 / (chosen + 1) as f64).ln()).sum::<f64>();
+        let (gain, gain_sigmas) = sigmas(&|contact| contact.misfit);
+        let sets =
+            (0..units.len()).map(|chosen| ((self.units - chosen) as f64 / (chosen + 1) as f64).ln()).sum::<f64>();
         let needed = (2.0 * (ENOUGH + sets)).sqrt();
         let is_explained = rest <= EXPLAINED * usual.sd.max(rest + gain);
         if !is_explained || gain < GAIN_SD * usual.gain_sd || gain_sigmas < needed {
@@ -306,27 +459,36 @@ impl FaultEvidence {
         }
         let mut least = gain_sigmas;
         // with more units left out the misfit can only be smaller
-        for other in suspects.iter().filter(|other| !suspect.iter().all(|unit| other.contains(unit))) {
-            least = least.min(sigmas(other).1);
+        let is_rival = |other: &usize| !units.iter().all(|unit| self.suspects[*other].contains(unit));
+        for other in (0..self.suspects.len()).filter(is_rival) {
+            least = least.min(sigmas(&|contact| self.misfit_without(contact, other)).1);
             if least < needed {
                 return None;
             }
         }
         Some(0.5 * least * least - sets)
     }
+
+    /// Misfit of a contact without some units. A pair that wasn't tried explains what its better unit does.
+    fn misfit_without(&self, contact: &ComparedContact, suspect: usize) -> f64 {
+        contact.tried[suspect].unwrap_or_else(|| {
+            let is_part = |(single, _): &(&Vec<usize>, &Option<f64>)| {
+                single.len() == 1 && self.suspects[suspect].contains(&single[0])
+            };
+            let singles = self.suspects.iter().zip(&contact.tried).filter(is_part);
+            singles.filter_map(|(_, misfit)| *misfit).fold(contact.misfit, f64::min)
+        })
+    }
 }
 
-impl TriedContact {
-    /// Misfit without some units. A unit that wasn't tried deviates little, so its absence explains nothing; a pair that wasn't tried
-    /// explains what its better unit does.
-    fn without(&self, units: &[usize]) -> f64 {
-        let of = |units: &[usize]| self.tried.iter().find(|(tried, _)| tried == units).map(|(_, misfit)| *misfit);
-        let of_one = || units.iter().filter_map(|unit| of(&[*unit])).fold(self.misfit, f64::min);
-        of(units).unwrap_or_else(of_one)
+impl ComparedContact {
+    /// Whether the contact says something about one of these units: it felt it, or deviates.
+    fn may_show(&self, units: &[usize]) -> bool {
+        units.iter().any(|&unit| self.is_felt[unit] || self.deviations[unit] > DEVIATES_SD)
     }
 
     fn is_felt_by(&self, units: &[usize]) -> bool {
-        units.iter().any(|unit| self.felt.contains(unit))
+        units.iter().any(|&unit| self.is_felt[unit])
     }
 }
 

@@ -13,8 +13,6 @@ pub struct Fits {
     model: Arc<Model>,
     made: Mutex<Vec<Made>>,
     expectation: OnceLock<Option<Expectation>>,
-    /// Held by the search that runs: sessions search one after another.
-    pub(super) searching: Mutex<()>,
 }
 
 /// A fit without some units.
@@ -27,12 +25,7 @@ struct Made {
 impl Fits {
     /// Creates the fits of a model, of which none is made yet.
     pub fn new(model: impl Into<Arc<Model>>) -> Self {
-        Fits {
-            model: model.into(),
-            made: Mutex::new(Vec::new()),
-            expectation: OnceLock::new(),
-            searching: Mutex::new(()),
-        }
+        Fits { model: model.into(), made: Mutex::new(Vec::new()), expectation: OnceLock::new() }
     }
 
     /// Returns the model.

@@ -101,6 +101,7 @@ mod process;
 mod rescaled;
 mod response;
 mod scan;
+mod search_schedule;
 mod session;
 mod setting;
 mod solution;

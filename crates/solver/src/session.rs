@@ -1,14 +1,13 @@
 //! Solves one reading after another, without broken units.
 
 use super::chart::MisfitChart;
-use super::fault_search::FaultEvidence;
 use super::fits::Unmade;
 use super::history::GAP_MOST;
+use super::search_schedule::SearchSchedule;
 use super::{
     Broken, ContactVerdict, FaultChange, FaultSearch, FaultyUnit, FitError, Fits, Fitted, MOST_FITS, Model,
     OutputFault, SearchedFaults, Solution, SolveError, Solver, Workspace,
 };
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Solves one reading after another. If a unit breaks, it is excluded from then on.
@@ -16,8 +15,8 @@ use std::sync::Arc;
 /// A reading may have missing outputs, which are NaN. Such a reading is solved by the same method fitted without these units.
 /// That fit is made for the first such reading, and kept.
 ///
-/// After every 10 contacts, and when the chart first reports, a [`FaultSearch`] shows which units broke since the calibration, and
-/// which work again. All readings of the same contact count once.
+/// A [`FaultSearch`] among the last contacts shows which units broke since the calibration, and which work again. It is made when the
+/// contacts give a reason, and its result counts from the tenth contact after on. All readings of the same contact count once.
 ///
 /// A control chart shows whether more contacts than expected don't fit the calibration: see [`Session::is_out_of_date`].
 ///
@@ -30,15 +29,11 @@ pub struct Session {
     reduced: Option<Arc<Fitted>>,
     /// Fits for readings with missing outputs.
     partial: Vec<Partial>,
-    /// What the contacts so far showed about each unit.
-    evidence: FaultEvidence,
-    /// Readings of the contacts since the last search.
-    contacts: VecDeque<Vec<f64>>,
+    schedule: SearchSchedule,
     changes: Vec<FaultChange>,
-    /// Whether the program makes the searches, one is due, and one isn't accepted yet.
+    /// Whether the program makes the searches.
     defers: bool,
-    is_due: bool,
-    is_searched: bool,
+    search: Searching,
     /// Number of restarts, which shows the result of an earlier search.
     restarts: u64,
     /// Last contact that counted.
@@ -49,6 +44,18 @@ pub struct Session {
     chart: MisfitChart,
     is_out_of_date: bool,
     workspace: Workspace,
+}
+
+/// The search of a session.
+enum Searching {
+    /// None.
+    No,
+    /// One is due with these contacts, and begins when the program takes it.
+    Due(FaultSearch),
+    /// One was begun, and its result counts from this contact on.
+    Begun { counts_from: u64 },
+    /// The result is known, and counts from this contact on.
+    Done { counts_from: u64, searched: SearchedFaults },
 }
 
 /// Fit without some units, in addition to the broken ones.
@@ -105,8 +112,9 @@ pub enum Unanswered {
 
 /// Largest number of fits that are kept for readings with missing outputs. Each set of missing units requires one.
 pub const MOST_PARTIAL: usize = 16;
-/// Number of contacts after which a search is due.
-const CONTACTS_A_SEARCH: usize = 10;
+/// Number of contacts from the beginning of a search until its result counts. It is the same for a file as for a live stream, whose
+/// answers don't wait for the search.
+const COUNTS_AFTER: u64 = 10;
 /// Least change of a reading that is kept, as a fraction of its length.
 const CHANGED: f64 = 0.1;
 /// Least distance of two different contacts, in sd.
@@ -120,12 +128,10 @@ impl Session {
     /// Creates a session that shares the fits of a model with other sessions.
     pub fn sharing(fits: Arc<Fits>) -> Self {
         Session {
-            evidence: FaultEvidence::default(),
-            contacts: VecDeque::new(),
+            schedule: SearchSchedule::new(fits.model()),
             changes: Vec::new(),
             defers: false,
-            is_due: false,
-            is_searched: false,
+            search: Searching::No,
             restarts: 0,
             chart: MisfitChart::new(fits.model().setting().false_alarms),
             fits,
@@ -164,7 +170,15 @@ impl Session {
     /// Whether so many contacts didn't fit the calibration that the sensor should be calibrated again. Contacts at several places
     /// at once don't fit either.
     pub fn is_out_of_date(&self) -> bool {
-        self.is_out_of_date
+        // units at fault may be the reason: a search shows it soon
+        let is_searched = match self.search {
+            Searching::No => false,
+            Searching::Due(_) => true,
+            Searching::Begun { counts_from } | Searching::Done { counts_from, .. } => {
+                self.schedule.count() < counts_from
+            }
+        };
+        self.is_out_of_date && !is_searched
     }
 
     /// Solves the next reading; a missing output is NaN.
@@ -208,24 +222,37 @@ impl Session {
         fitted.map_err(Unanswered::Unfit)
     }
 
-    /// Counts a contact that differs from the last one, and keeps its reading for the search.
+    /// Counts a contact that differs from the last one, and keeps its reading for a search.
     fn count(&mut self, outputs: &[f64], solution: &Solution) {
+        self.schedule.earn();
         if solution.verdict == ContactVerdict::WeakSignal {
             return;
         }
-        let was_out_of_date = self.is_out_of_date;
         if !self.last.is_some_and(|last| is_same(&last, solution)) {
             self.last = Some(*solution);
             self.is_out_of_date |= self.chart.count(solution);
         }
-        if outputs.iter().all(|output| output.is_finite()) && !is_nearly(&self.last_outputs, outputs) {
-            self.last_outputs = outputs.to_vec();
-            self.contacts.push_back(outputs.to_vec());
-            if self.contacts.len() > CONTACTS_A_SEARCH {
-                self.contacts.pop_front();
-            }
+        if outputs.iter().any(|output| !output.is_finite()) || is_nearly(&self.last_outputs, outputs) {
+            return;
         }
-        self.is_due |= self.contacts.len() == CONTACTS_A_SEARCH || (self.is_out_of_date && !was_out_of_date);
+        self.last_outputs.clear();
+        self.last_outputs.extend_from_slice(outputs);
+        self.schedule.add(outputs, solution);
+        self.apply();
+        if matches!(self.search, Searching::No)
+            && let Some(contacts) = self.schedule.due(self.is_out_of_date, !self.broke.is_empty())
+        {
+            self.begin(contacts);
+        }
+    }
+
+    /// Begins a search, or leaves it to the program.
+    fn begin(&mut self, contacts: Vec<Vec<f64>>) {
+        let (work, may_try) = (self.schedule.work(), self.schedule.may_try());
+        let paid = std::mem::take(&mut self.schedule.paid);
+        let (fits, broke) = (self.fits.clone(), self.broke.clone());
+        let search = FaultSearch::new(fits, contacts, broke, work, paid, may_try, self.restarts);
+        self.search = Searching::Due(search);
         if !self.defers
             && let Some(search) = self.search()
         {
@@ -233,8 +260,7 @@ impl Session {
         }
     }
 
-    /// Leaves searches for units at fault to the program: see [`Session::search`]. Otherwise [`Session::solve`] makes them, so that the
-    /// answers depend on nothing but the readings.
+    /// Leaves searches for units at fault to the program: see [`Session::search`]. Otherwise [`Session::solve`] makes them.
     #[must_use]
     pub fn deferring(self) -> Self {
         Session { defers: true, ..self }
@@ -242,24 +268,70 @@ impl Session {
 
     /// Returns a search for units at fault, if one is due, and none until its result is [accepted](Session::accept).
     pub fn search(&mut self) -> Option<FaultSearch> {
-        if !std::mem::take(&mut self.is_due) || self.is_searched {
-            return None;
+        let Searching::Due(_) = &self.search else { return None };
+        let counts_from = self.schedule.count() + COUNTS_AFTER;
+        match std::mem::replace(&mut self.search, Searching::Begun { counts_from }) {
+            Searching::Due(search) => Some(search),
+            _ => None,
         }
-        self.is_searched = true;
-        let contacts = self.contacts.drain(..).collect();
-        Some(FaultSearch::new(self.fits.clone(), std::mem::take(&mut self.evidence), contacts, self.restarts))
     }
 
-    /// Applies the result of a search of this session.
+    /// Whether the result of a search should count now, but isn't accepted yet.
+    pub fn awaits_search(&self) -> bool {
+        matches!(self.search, Searching::Begun { counts_from } if self.schedule.count() >= counts_from)
+    }
+
+    /// Takes the result of a search of this session. It counts from the tenth contact after the beginning of the search on.
     pub fn accept(&mut self, searched: SearchedFaults) {
-        if searched.restarts != self.restarts || !std::mem::take(&mut self.is_searched) {
-            return; // it was begun before a restart
+        if let Searching::Begun { counts_from } = self.search
+            && searched.restarts == self.restarts
+        {
+            self.search = Searching::Done { counts_from, searched };
+            self.apply();
         }
-        self.evidence = searched.evidence;
-        self.changes.extend(searched.changes);
+    }
+
+    /// Gives up a search that can't be made. Another one is due later.
+    pub fn forget_search(&mut self) {
+        self.search = Searching::No;
+    }
+
+    /// Ends the readings: lets the result of a search count, and that of another one if the last contacts give a reason for it.
+    pub fn finish(&mut self) {
+        self.count_now();
+        if let Some(contacts) = self.schedule.due_at_end(self.is_out_of_date, !self.broke.is_empty()) {
+            self.begin(contacts);
+            if let Some(search) = self.search() {
+                self.accept(search.run());
+            }
+            self.count_now();
+        }
+    }
+
+    /// Lets the result of a search count if it is time.
+    fn apply(&mut self) {
+        if matches!(self.search, Searching::Done { counts_from, .. } if self.schedule.count() >= counts_from) {
+            self.count_now();
+        }
+    }
+
+    /// Lets the result of a search count.
+    fn count_now(&mut self) {
+        let searched = match std::mem::replace(&mut self.search, Searching::No) {
+            Searching::Done { searched, .. } => searched,
+            other => {
+                self.search = other;
+                return;
+            }
+        };
+        self.schedule.searched(searched.spent, searched.shown);
+        self.schedule.paid = searched.paid;
+        let is_stated = |change: &FaultChange| *change == FaultChange::Unfit && self.changes.contains(change);
+        self.changes.extend(searched.changes.into_iter().filter(|change| !is_stated(change)).collect::<Vec<_>>());
         if let Some((broke, reduced)) = searched.found {
             (self.broke, self.reduced) = (broke, reduced);
             self.partial.clear();
+            self.schedule.begin_again();
             // the units were the reason
             self.chart = MisfitChart::new(self.model().setting().false_alarms);
             self.is_out_of_date = false;

@@ -3,11 +3,8 @@
 use super::readings::{LineContent, Reading, ReadingError, Readings};
 use miette::Diagnostic;
 use palpate_solver::vector::{VectorSession, VectorSolution};
-use palpate_solver::{FaultChange, FaultyUnit, HistorySession, SearchedFaults, Session, Solution, Unanswered};
+use palpate_solver::{FaultChange, FaultyUnit, HistorySession, Session, Solution, Unanswered};
 use serde_json::Value;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::thread;
-use std::time::Duration;
 
 /// Answers one line after another.
 pub struct Answers<S: ReadingSolver = Session> {
@@ -29,8 +26,8 @@ pub trait ReadingSolver {
     /// The reading has no answer.
     fn solve(&mut self, reading: &Reading) -> Result<Self::Solution, Unanswered>;
 
-    /// Takes whether many more readings have arrived already. Then nobody waits for the next answer, and a search may take its time.
-    fn take_backlog(&mut self, _is_long: bool) {}
+    /// Ends the readings, so that what the last ones show counts.
+    fn finish(&mut self) {}
 
     /// Changes of the units that are left out, from the first one.
     fn changes(&self) -> &[FaultChange] {
@@ -55,6 +52,10 @@ impl ReadingSolver for Session {
         Session::solve(self, &reading.outputs)
     }
 
+    fn finish(&mut self) {
+        Session::finish(self);
+    }
+
     fn changes(&self) -> &[FaultChange] {
         Session::changes(self)
     }
@@ -65,91 +66,6 @@ impl ReadingSolver for Session {
 
     fn is_out_of_date(&self) -> bool {
         Session::is_out_of_date(self)
-    }
-}
-
-/// A session whose searches for units at fault run in a thread of their own, so that no answer waits long for one.
-pub struct SearchingApart {
-    session: Session,
-    /// Receives the result of the search that runs.
-    search: Option<Receiver<SearchedFaults>>,
-    /// Whether many more readings have arrived.
-    has_backlog: bool,
-}
-
-/// Longest time for which an answer waits for a search.
-const WAIT_MOST: Duration = Duration::from_millis(2);
-
-impl SearchingApart {
-    /// Leaves the searches of a session to threads.
-    pub fn new(session: Session) -> Self {
-        SearchingApart { session: session.deferring(), search: None, has_backlog: false }
-    }
-
-    /// Returns the session.
-    pub fn session(&self) -> &Session {
-        &self.session
-    }
-
-    /// Takes whether many more readings are known already. Then each search ends before the next reading, so the same readings have
-    /// the same answers.
-    pub fn take_backlog(&mut self, is_long: bool) {
-        self.has_backlog = is_long;
-    }
-
-    /// Solves the next reading; a missing output is NaN.
-    ///
-    /// # Errors
-    /// The reading has no answer.
-    pub fn solve(&mut self, outputs: &[f64]) -> Result<Solution, Unanswered> {
-        let solved = self.session.solve(outputs);
-        let wait = |search: &Receiver<SearchedFaults>| match self.has_backlog {
-            true => search.recv().map_err(RecvTimeoutError::from),
-            false => search.recv_timeout(WAIT_MOST),
-        };
-        match self.search.as_ref().map(wait) {
-            Some(Ok(searched)) => {
-                self.session.accept(searched);
-                self.search = None;
-            }
-            Some(Err(RecvTimeoutError::Timeout)) => return solved,
-            // a search that failed isn't repeated
-            Some(Err(RecvTimeoutError::Disconnected)) | None => {}
-        }
-        let Some(search) = self.session.search() else { return solved };
-        if self.has_backlog {
-            self.session.accept(search.run());
-        } else {
-            let (sender, receiver) = channel();
-            // a session that has ended needs no result, and one without a thread goes on without searches
-            _ = thread::Builder::new().spawn(move || _ = sender.send(search.run()));
-            self.search = Some(receiver);
-        }
-        solved
-    }
-}
-
-impl ReadingSolver for SearchingApart {
-    type Solution = Solution;
-
-    fn solve(&mut self, reading: &Reading) -> Result<Solution, Unanswered> {
-        SearchingApart::solve(self, &reading.outputs)
-    }
-
-    fn take_backlog(&mut self, is_long: bool) {
-        SearchingApart::take_backlog(self, is_long);
-    }
-
-    fn changes(&self) -> &[FaultChange] {
-        self.session.changes()
-    }
-
-    fn at_fault(&self) -> Vec<FaultyUnit> {
-        self.session.at_fault()
-    }
-
-    fn is_out_of_date(&self) -> bool {
-        self.session.is_out_of_date()
     }
 }
 
@@ -211,9 +127,11 @@ impl<S: ReadingSolver> Answers<S> {
         &self.session
     }
 
-    /// Takes whether many more lines have arrived already.
-    pub fn take_backlog(&mut self, is_long: bool) {
-        self.session.take_backlog(is_long);
+    /// Ends the lines. Returns what the last ones show.
+    pub fn finish(&mut self) -> &[FaultChange] {
+        let known = self.session.changes().len();
+        self.session.finish();
+        &self.session.changes()[known..]
     }
 
     /// Returns the answer to the next line; `None` if the line is blank or is the header.

@@ -308,6 +308,7 @@ impl<'a> Trial<'a> {
         let setting = Setting { load: self.load, ..Setting::of_layout(self.layout) };
         let mut session = Session::new(Model::fit(solver, calibration, &setting).ok()?);
         self.test.iter().for_each(|press| _ = session.solve(&press.outputs));
+        session.finish();
         Some(session.at_fault().iter().map(FaultyUnit::text).collect())
     }
 

@@ -5,8 +5,6 @@ use std::io::{self, BufRead, BufReader, Read};
 
 /// Number of bytes that are read at once.
 const BUFFER_BYTES: usize = 64 << 10;
-/// Number of lines that no live source sends at once.
-const BACKLOG_LINES: usize = 20;
 
 /// Takes one line after another from a stream; stores one at a time.
 pub struct StreamLines<R> {
@@ -40,11 +38,6 @@ impl<R: Read> StreamLines<R> {
     /// Whether the next line may have to be waited for, because no complete line has arrived yet.
     pub fn is_drained(&self) -> bool {
         self.is_cut || !self.input.buffer().contains(&b'\n')
-    }
-
-    /// Whether so many more lines have arrived that nobody waits for the answer to the next one.
-    pub fn has_backlog(&self) -> bool {
-        self.input.buffer().iter().filter(|byte| **byte == b'\n').take(BACKLOG_LINES).count() == BACKLOG_LINES
     }
 
     /// Returns the number of bytes taken from the next line.
