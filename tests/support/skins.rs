@@ -58,6 +58,14 @@ impl GridSkin {
         places.map(|place| self.press(place, 1.0)).collect()
     }
 
+    /// Presses with 1 N at so many places along x and along y.
+    pub fn grid(&mut self, across: usize, along: usize) -> Vec<Pressed> {
+        let [wide_mm, high_mm] = self.half_mm;
+        let at = |index: usize, count: usize, half_mm: f64| half_mm * (2.0 * index as f64 / (count - 1) as f64 - 1.0);
+        let place = |i: usize| Place::new(at(i % across, across, wide_mm), at(i / across, along, high_mm));
+        (0..across * along).map(|i| self.press(place(i), 1.0)).collect()
+    }
+
     /// Presses at random places with random forces.
     pub fn random(&mut self, count: usize) -> Vec<Pressed> {
         let [wide_mm, high_mm] = self.half_mm;
