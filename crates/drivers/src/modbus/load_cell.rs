@@ -182,7 +182,7 @@ mod tests {
         let near = std::sync::Mutex::new(Some(near));
         let dial = move || near.lock().unwrap().take().expect("the link is opened once");
         let profile = Profile::shipped("labjack-t7").unwrap();
-        let link = Connector::Memory(Box::new(dial));
+        let link = Connector::in_memory(dial);
         let origin = Instant::now();
         let mut cell = ModbusLoadCell::new(link, Transport::Tcp, profile, "script", 100.0, origin).unwrap();
         tokio::spawn(async move {
