@@ -22,7 +22,7 @@ fuzz_target!(|bytes: &[u8]| {
     let runtime =
         tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().expect("a runtime");
     let answer = bytes.to_vec();
-    let connector = Connector::Memory(Box::new(move || {
+    let connector = Connector::in_memory(move || {
         let (near, mut far) = duplex(4096);
         let answer = answer.clone();
         tokio::spawn(async move {
@@ -32,7 +32,7 @@ fuzz_target!(|bytes: &[u8]| {
             }
         });
         near
-    }));
+    });
     runtime.block_on(async {
         let profile = Profile::shipped("generic-rs485").expect("a shipped map");
         let mut client = ModbusClient::new(connector, Transport::Rtu, &profile, "fuzz", "fuzz");

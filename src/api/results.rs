@@ -33,15 +33,16 @@ impl RunResults {
         methods: EvaluateChoice,
     ) -> Result<RunResults, Failure> {
         let layout = &spec.array.layout;
-        let characteristics = folder.staircases().map_err(Failure::dataset)?;
         if recipe.solvers.is_empty() && recipe.rule().is_none() {
             // avoids reading a long run into memory
+            let characteristics = folder.staircases().map_err(Failure::dataset)?;
             let is_beside_paper =
                 characteristics.is_some() && is_beside_paper(layout, &folder.presses().map_err(Failure::dataset)?);
             return Ok(RunResults { evaluations: Vec::new(), characteristics, judgement: None, is_beside_paper });
         }
         let recorded = Recorded::read(folder.path()).map_err(Failure::dataset)?;
         let presses = recorded.presses();
+        let characteristics = Staircases::of_run(&presses, layout);
         let trial = match Trial::of_run(&presses, Some(layout)) {
             Err(why) if !recipe.solvers.is_empty() => return Err(Failure::not_accepted(why)),
             trial => trial,

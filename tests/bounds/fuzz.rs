@@ -175,11 +175,11 @@ fn fuzz(name: &str, seeds: &[&[u8]], mut parse: impl FnMut(&[u8])) {
 
 /// Links whose far ends answer every request with the same bytes, and then close.
 fn answered(input: Arc<Mutex<Vec<u8>>>) -> Connector {
-    Connector::Memory(Box::new(move || {
+    Connector::in_memory(move || {
         let (near, far) = duplex(4096);
         tokio::spawn(answer(far, input.lock().expect("a test that goes on").clone()));
         near
-    }))
+    })
 }
 
 async fn answer(mut far: DuplexStream, input: Vec<u8>) {

@@ -189,12 +189,12 @@ impl ReactionLine {
     fn connector(&self) -> Connector {
         let (instrument, scene, origin) = (self.instrument.clone(), self.scene.clone(), self.origin);
         let (heard, tap) = (self.heard.clone(), self.tap);
-        Connector::Memory(Box::new(move || {
+        Connector::in_memory(move || {
             let ((near, beside), (behind, far)) = (duplex(4096), duplex(4096));
             palpate_link::time::spawn(serve(far, instrument.clone(), scene.clone(), origin));
             palpate_link::time::spawn(relay(beside, behind, heard.clone(), tap));
             near
-        }))
+        })
     }
 }
 

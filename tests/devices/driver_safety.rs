@@ -54,7 +54,7 @@ impl StageBench {
             home_search: HomeSearch::Away,
             abilities: StageAbilities::FULL,
         };
-        let driver = Esp301::new(Connector::Memory(Box::new(dial)), "bench".to_owned());
+        let driver = Esp301::new(Connector::in_memory(dial), "bench".to_owned());
         StageBench { driver, instrument, scene, usage, origin }
     }
 
@@ -151,7 +151,7 @@ fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
                 palpate_link::time::spawn(async move { serve(far, instrument, scene, origin).await });
                 near
             };
-            let mut driver = Esp301::new(Connector::Memory(Box::new(dial)), "bench".to_owned());
+            let mut driver = Esp301::new(Connector::in_memory(dial), "bench".to_owned());
             let deepest = async {
                 let mut deepest_mm = f64::NEG_INFINITY;
                 let mut sideways = false;
@@ -179,7 +179,7 @@ fn scripted<F: Future<Output = ()> + Send + 'static>(backlash: impl FnOnce(Duple
     let (near, far) = duplex(4096);
     palpate_link::time::spawn(backlash(far));
     let near = Mutex::new(Some(near));
-    Esp301::new(Connector::Memory(Box::new(move || near.lock().unwrap().take().unwrap())), "script".to_owned())
+    Esp301::new(Connector::in_memory(move || near.lock().unwrap().take().unwrap()), "script".to_owned())
 }
 
 async fn line_from(far: &mut DuplexStream) -> Option<String> {
@@ -277,7 +277,7 @@ fn serial_line(
             }
         }
     });
-    Connector::Memory(Box::new(move || {
+    Connector::in_memory(move || {
         let (near, far) = duplex(4096);
         let (mut reader, writer) = tokio::io::split(far);
         *port.try_lock().unwrap() = Some(writer);
@@ -292,7 +292,7 @@ fn serial_line(
             }
         });
         near
-    }))
+    })
 }
 
 #[test]

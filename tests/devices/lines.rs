@@ -124,7 +124,7 @@ fn received(skin: LineSkin, damage: f64, faults: &[LineFault], seconds: f64) -> 
             drop(palpate_link::time::spawn(serve(far, served.clone(), scene.clone(), origin)));
             near
         };
-        let port = LinePort::new(Connector::Memory(Box::new(dial)), marks.profile(channels));
+        let port = LinePort::new(Connector::in_memory(dial), marks.profile(channels));
         let (mut received, mut sent): (Vec<Received>, Vec<Sent>) = (Vec::new(), Vec::new());
         while origin.elapsed().as_secs_f64() < seconds {
             let nth = received.last().map_or(0, |last: &Received| last.nth + 1);

@@ -89,7 +89,7 @@ async fn carried(spec: RigSpec, count: u32, tally: Arc<Mutex<Tally>>) -> (PortCo
         drop(spawn(network.carry(behind, count)));
         near
     };
-    let port = LinePort::new(Connector::Memory(Box::new(dial)), LineProfile::shipped("ati-netft").expect("a profile"));
+    let port = LinePort::new(Connector::in_memory(dial), LineProfile::shipped("ati-netft").expect("a profile"));
     let force = port.profile().force.clone().expect("a force");
     let mut cell = LineLoadCell::new(port.clone(), force, "network".into(), RATE_HZ as f64, origin);
     assert_eq!(cell.prepare().await.expect("a cell").warnings, [""; 0]);

@@ -280,7 +280,7 @@ pub fn connector(
         drop(palpate_link::time::spawn(pass_on(nears, far, framing, fate.clone())));
     };
     let line: Mutex<Option<UnboundedSender<DuplexStream>>> = Mutex::new(None);
-    Connector::Memory(Box::new(move || {
+    Connector::in_memory(move || {
         let (driver, near) = duplex(LINE_BYTES);
         let mut line = line.lock().expect("no dialling panicked");
         if line.is_none() || !framing.is_serial() {
@@ -294,7 +294,7 @@ pub fn connector(
             *line = None;
         }
         driver
-    }))
+    })
 }
 
 async fn pass_on(

@@ -24,7 +24,7 @@ pub(crate) fn scripted(script: Script) -> (Connector, JoinHandle<()>) {
         far.read_to_end(&mut rest).await.unwrap();
         assert_eq!(shown(&rest), "", "sent beyond the script");
     });
-    (Connector::Memory(Box::new(dial)), device)
+    (Connector::in_memory(dial), device)
 }
 
 /// Creates a link whose far end follows a separate script at each opening of the link, and then closes it. The task fails like
@@ -43,7 +43,7 @@ pub(crate) fn closing(scripts: &'static [Script]) -> (Connector, JoinHandle<()>)
         }
         assert!(opened.recv().await.is_none(), "the link is opened no more often");
     });
-    (Connector::Memory(Box::new(dial)), device)
+    (Connector::in_memory(dial), device)
 }
 
 async fn run_script(far: &mut DuplexStream, script: Script) {
@@ -62,7 +62,7 @@ fn shown(bytes: &[u8]) -> String {
 
 /// Creates a link that must not be opened.
 pub(crate) fn unused() -> Connector {
-    Connector::Memory(Box::new(|| unreachable!("nothing is to be sent here")))
+    Connector::in_memory(|| -> DuplexStream { unreachable!("nothing is to be sent here") })
 }
 
 /// Use of a stage like the paper's stage.

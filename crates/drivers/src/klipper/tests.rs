@@ -144,7 +144,7 @@ fn printer(fake: &Fake) -> Klipper {
         tokio::spawn(serve(fake.clone(), far));
         near
     };
-    Klipper::new(Connector::Memory(Box::new(dial)), "tcp://printer:7125".to_owned())
+    Klipper::new(Connector::in_memory(dial), "tcp://printer:7125".to_owned())
 }
 
 async fn ready() -> (Fake, Klipper) {

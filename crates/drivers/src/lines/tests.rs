@@ -111,7 +111,7 @@ fn a_frame_with_a_tail_alone_is_found_again_after_a_lost_byte() {
 pub(super) fn link() -> (Connector, DuplexStream) {
     let (near, far) = duplex(1 << 16);
     let near = Mutex::new(Some(near));
-    (Connector::Memory(Box::new(move || near.lock().unwrap().take().expect("the link is opened once"))), far)
+    (Connector::in_memory(move || near.lock().unwrap().take().expect("the link is opened once")), far)
 }
 
 pub(super) fn profile(text: &str) -> LineProfile {

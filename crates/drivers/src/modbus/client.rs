@@ -10,7 +10,7 @@ use palpate_link::wire::{ByteStream, Connector};
 use std::io::ErrorKind;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
-use tokio_modbus::client::{Client as _, Context, rtu, tcp};
+use tokio_modbus::client::{Client, rtu, tcp};
 use tokio_modbus::slave::Slave;
 use tokio_modbus::{Error, Request, Response};
 
@@ -22,6 +22,9 @@ const QUIET: Duration = Duration::from_millis(20);
 
 /// Largest number of bytes that are discarded until a line is quiet.
 const STRAY_BYTES_MAX: usize = 4096;
+
+/// A connection as the Modbus library returns it, without the wrapper that allocates once more for each call.
+type Context = Box<dyn Client>;
 
 /// One Modbus device behind a link. The link is opened when it is needed. It is opened again after any event that left it out of
 /// step.
@@ -191,8 +194,8 @@ impl ModbusClient {
         let slave = Slave(self.unit_id);
         let line = ModbusLine::new(stream, self.transport);
         Ok(match self.transport {
-            Transport::Rtu => rtu::attach_slave(line, slave),
-            Transport::Tcp => tcp::attach_slave(line, slave),
+            Transport::Rtu => rtu::attach_slave(line, slave).into(),
+            Transport::Tcp => tcp::attach_slave(line, slave).into(),
         })
     }
 }

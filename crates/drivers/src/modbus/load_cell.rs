@@ -101,10 +101,13 @@ impl ModbusLoadCell {
             Some((units - self.force.offset) * self.newton_per_count)
         };
         let numbers = own.chunks(usize::from(register.encoding.registers())).take(usize::from(self.force.count()));
-        let forces_n: Vec<f64> = numbers.filter_map(newton).collect();
+        // a cell has at most three axes, and is read too often for a list; a number that is missing is not a force
+        let mut forces_n = [f64::NAN; 3];
+        forces_n.iter_mut().zip(numbers).for_each(|(force_n, number)| *force_n = newton(number).unwrap_or(f64::NAN));
+        let forces_n = &forces_n[..usize::from(self.force.count())];
         let is_possible =
             |force_n: &f64| force_n.is_finite() && self.force.range_n.is_none_or(|range_n| force_n.abs() <= range_n);
-        match (forces_n.iter().all(is_possible), self.force.axes, forces_n.as_slice()) {
+        match (forces_n.iter().all(is_possible), self.force.axes, forces_n) {
             (true, false, [force_n]) => Ok((None, *force_n)),
             (true, true, &[x_n, y_n, z_n]) => {
                 let (side_n, force_n) = self.mounting.forces_n([x_n, y_n, z_n]);
@@ -182,7 +185,7 @@ mod tests {
         let near = std::sync::Mutex::new(Some(near));
         let dial = move || near.lock().unwrap().take().expect("the link is opened once");
         let profile = Profile::shipped("labjack-t7").unwrap();
-        let link = Connector::Memory(Box::new(dial));
+        let link = Connector::in_memory(dial);
         let origin = Instant::now();
         let mut cell = ModbusLoadCell::new(link, Transport::Tcp, profile, "script", 100.0, origin).unwrap();
         tokio::spawn(async move {

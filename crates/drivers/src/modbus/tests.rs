@@ -82,7 +82,7 @@ async fn shortest_rest(framing: impl Into<ModbusFraming>) -> Duration {
     let near = std::sync::Mutex::new(Some(near));
     let dial = move || near.lock().unwrap().take().expect("the link is opened once");
     let profile = Profile::shipped("generic-rs485").unwrap();
-    let link = palpate_link::wire::Connector::Memory(Box::new(dial));
+    let link = palpate_link::wire::Connector::in_memory(dial);
     let mut client = ModbusClient::new(link, framing, &profile, "load cell", "script");
     let device = tokio::spawn(async move {
         let (mut answered, mut shortest) = (None, Duration::MAX);

@@ -15,7 +15,7 @@ async fn a_program_that_is_slow_to_start_is_awaited() {
     for (start_s, is_in_time) in [(10, true), (5, false)] {
         let (near, mut far) = tokio::io::duplex(4096);
         let near = std::sync::Mutex::new(Some(near));
-        let link = Connector::Memory(Box::new(move || near.lock().unwrap().take().expect("one connection")));
+        let link = Connector::in_memory(move || near.lock().unwrap().take().expect("one connection"));
         let program = tokio::spawn(async move {
             palpate_link::time::sleep(Duration::from_secs(7)).await; // its libraries are loaded
             let answer = b"{\"id\": 1, \"role\": \"stage\", \"protocol\": 1, \"identity\": \"mine\"}\n";
@@ -111,7 +111,7 @@ async fn a_program_of_another_role_and_one_that_ended_are_reported() {
     drop(far);
     let near = std::sync::Mutex::new(Some(near));
     let dial = move || near.lock().unwrap().take().expect("it isn't started again");
-    let link = palpate_link::wire::Connector::Memory(Box::new(dial));
+    let link = palpate_link::wire::Connector::in_memory(dial);
     let mut cell = ProcessLoadCell::new(link, "script".to_owned(), START, 200.0, Instant::now());
     assert!(cell.read().await.is_err());
     assert!(cell.read().await.unwrap_err().to_string().contains("the program has ended"));

@@ -103,12 +103,12 @@ type Change = fn(&mut FakeArm);
 
 fn served(arm: &Arm, serve: impl AsyncFnOnce(Arm, DuplexStream) + Copy + Send + Sync + 'static) -> Connector {
     let arm = arm.clone();
-    Connector::Memory(Box::new(move || {
+    Connector::in_memory(move || {
         let (near, far) = duplex(4096);
         let arm = arm.clone();
         tokio::task::spawn_local(async move { serve(arm, far).await });
         near
-    }))
+    })
 }
 
 /// RTDE: a package in each 8 ms while it is started.

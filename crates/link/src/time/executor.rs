@@ -11,6 +11,7 @@ use std::collections::VecDeque;
 use std::fmt;
 use std::future::Future;
 use std::pin::{Pin, pin};
+use std::ptr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake, Waker};
@@ -83,30 +84,37 @@ impl Clock {
 #[derive(Debug)]
 pub(super) struct Deadline {
     moment_ns: u64,
-    /// Number of the wait, once it has begun.
-    number: Option<u64>,
+    /// Number of the wait, once it has begun, and who waits.
+    begun: Option<(u64, WhoWaits)>,
 }
+
+/// Addresses of a waker's data and functions. The clock keeps the waker, so no other one has them meanwhile.
+type WhoWaits = [usize; 2];
 
 impl Deadline {
     /// Returns a deadline on a thread that has virtual time.
     pub(super) fn at(Instant(moment_ns): Instant) -> Option<Deadline> {
         // virtual time begins at a whole millisecond
-        (NOW_NS.get() > 0).then(|| Deadline { moment_ns: moment_ns.div_ceil(MS).saturating_mul(MS), number: None })
+        (NOW_NS.get() > 0).then(|| Deadline { moment_ns: moment_ns.div_ceil(MS).saturating_mul(MS), begun: None })
     }
 
     pub(super) fn poll(&mut self, context: &Context<'_>) -> Poll<()> {
         if self.moment_ns <= NOW_NS.get() {
             return Poll::Ready(());
         }
+        let waker = context.waker();
+        let who = [waker.data().addr(), ptr::from_ref(waker.vtable()).addr()];
+        if self.begun.is_some_and(|(_, waits)| waits == who) {
+            return Poll::Pending; // a future is polled much more often than its deadline comes
+        }
         CLOCK.with_borrow_mut(|clock| {
-            let number = *self.number.get_or_insert_with(|| {
-                clock.begun += 1;
-                clock.begun
-            });
+            let number = self.begun.map_or(clock.begun + 1, |(number, _)| number);
+            clock.begun = clock.begun.max(number);
+            self.begun = Some((number, who));
             match clock.find(self.moment_ns, number) {
-                Ok(at) => clock.waiting[at].who.clone_from(context.waker()),
+                Ok(at) => clock.waiting[at].who.clone_from(waker),
                 Err(at) => {
-                    let wait = Waiting { moment_ns: self.moment_ns, number, who: context.waker().clone() };
+                    let wait = Waiting { moment_ns: self.moment_ns, number, who: waker.clone() };
                     clock.waiting.insert(at, wait);
                 }
             }
@@ -117,7 +125,7 @@ impl Deadline {
 
 impl Drop for Deadline {
     fn drop(&mut self) {
-        let Some(number) = self.number.filter(|_| self.moment_ns > NOW_NS.get()) else { return };
+        let Some((number, _)) = self.begun.filter(|_| self.moment_ns > NOW_NS.get()) else { return };
         CLOCK.with_borrow_mut(|clock| {
             if let Ok(at) = clock.find(self.moment_ns, number) {
                 clock.waiting.remove(at);
@@ -177,14 +185,13 @@ impl Wake for ExecutorTask {
 impl ExecutorTask {
     fn advance(self: Arc<Self>) {
         self.is_ready.store(false, Ordering::Release);
-        let Some(mut work) = lock(&self.work).take() else { return };
-        if self.is_aborted.load(Ordering::Acquire) {
-            return self.is_finished.store(true, Ordering::Release);
-        }
+        let mut work = lock(&self.work);
+        let Some(going) = work.as_mut() else { return };
         let waker = Waker::from(self.clone());
-        match work.as_mut().poll(&mut Context::from_waker(&waker)) {
-            Poll::Ready(()) => self.is_finished.store(true, Ordering::Release),
-            Poll::Pending => *lock(&self.work) = Some(work),
+        let mut context = Context::from_waker(&waker);
+        if self.is_aborted.load(Ordering::Acquire) || going.as_mut().poll(&mut context).is_ready() {
+            *work = None;
+            self.is_finished.store(true, Ordering::Release);
         }
     }
 }
@@ -245,7 +252,7 @@ impl SimulatedRun {
 
     fn next_task(&self) -> Option<Arc<ExecutorTask>> {
         READY.with_borrow_mut(|ready| {
-            if self.has_elsewhere.swap(false, Ordering::AcqRel) {
+            if self.has_elsewhere.load(Ordering::Acquire) && self.has_elsewhere.swap(false, Ordering::AcqRel) {
                 ready.append(&mut lock(&self.from_elsewhere));
             }
             ready.pop_front()

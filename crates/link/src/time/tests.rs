@@ -1,6 +1,7 @@
 //! Virtual time against tokio's paused clock: the same tasks, in the same order, at the same moments.
 
 use super::*;
+use crate::wire::{Duplex, in_memory};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64Mcg;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -32,10 +33,12 @@ impl Log {
     }
 }
 
+/// Number of bytes that wait on the link of [`tasks`]: so few that its writers wait too.
+const LINK_BYTES: usize = 2;
+
 /// Some tasks that wait, notify each other and exchange bytes, at times of which many are equal or not whole milliseconds.
-async fn tasks(seed: u64) -> Vec<(u128, String)> {
+async fn tasks<S: Duplex + 'static>(seed: u64, (mut near, mut far): (S, S)) -> Vec<(u128, String)> {
     let (log, bell, mut random) = (Log::begin(), Arc::new(Notify::new()), Pcg64Mcg::seed_from_u64(seed));
-    let (mut near, mut far) = duplex(64);
     let mut spawned = Vec::new();
     for task in 0..8 {
         let (log, bell, waits) = (log.clone(), bell.clone(), [(); 40].map(|()| random.random_range(0..6000_u64)));
@@ -86,7 +89,8 @@ async fn tasks(seed: u64) -> Vec<(u128, String)> {
 #[test]
 fn order_and_times_equal_those_of_tokios_paused_clock() {
     for seed in 0..40 {
-        let (ours, tokios) = (run_virtually(tasks(seed)), paused(tasks(seed)));
+        let (ours, tokios) =
+            (run_virtually(tasks(seed, in_memory(LINK_BYTES))), paused(tasks(seed, duplex(LINK_BYTES))));
         assert!(ours.len() > 300 && ours.last().is_some_and(|last| last.1 == "echo true"));
         assert_eq!(ours, tokios, "seed {seed}");
     }

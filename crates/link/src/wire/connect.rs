@@ -5,7 +5,7 @@ use super::{Link, Parity, program};
 use crate::time::timeout;
 use std::io;
 use std::time::Duration;
-use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio_serial::{FlowControl, SerialPortBuilderExt, StopBits};
 
@@ -25,17 +25,22 @@ pub enum Connector {
     /// A real port or socket.
     Real(Link),
     /// The near end of a stream whose far end is an emulator.
-    Memory(Box<dyn Fn() -> DuplexStream + Send + Sync>),
+    Memory(Box<dyn Fn() -> ByteStream + Send + Sync>),
 }
 
 impl Connector {
+    /// Creates links in memory, each of which `dial` opens.
+    pub fn in_memory<S: Duplex + 'static>(dial: impl Fn() -> S + Send + Sync + 'static) -> Connector {
+        Connector::Memory(Box::new(move || Box::new(dial())))
+    }
+
     /// Opens the link.
     ///
     /// # Errors
     /// The operating system's error; for [`Link::Sim`] in [`Connector::Real`], an error that nothing is at its far end.
     pub async fn open(&self) -> io::Result<ByteStream> {
         match self {
-            Connector::Memory(dial) => Ok(Box::new(dial())),
+            Connector::Memory(dial) => Ok(dial()),
             Connector::Real(Link::Tcp { host, port }) => {
                 let dialled = timeout(CONNECT_DEADLINE, TcpStream::connect((host.as_str(), *port))).await;
                 let stream = dialled

@@ -10,13 +10,12 @@ use palpate_core::quantity::Axis;
 use palpate_drivers::{AnyArray, AnyStage};
 use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Instruments, StageUse};
 use palpate_link::time::{Instant, spawn};
-use palpate_link::wire::{Claims, Connector, Link};
+use palpate_link::wire::{self, Claims, Connector, Link};
 use palpate_sim::emulator::{self, Instrument, Shared};
 use palpate_sim::scene::Scene;
-use tokio::io::duplex;
 
 /// Number of bytes that can wait in a link in memory before its writer has to wait.
-const DUPLEX_BYTES: usize = 4096;
+const MEMORY_BYTES: usize = 4096;
 
 /// A rig with its drivers connected to their links. Nothing has been sent yet.
 pub struct OpenRig {
@@ -175,10 +174,10 @@ fn at_port(link: Link, port: Option<u16>) -> Link {
 }
 
 fn dial(instrument: Shared<dyn Instrument>, scene: Shared<Scene>, origin: Instant) -> Connector {
-    Connector::Memory(Box::new(move || {
-        let (near, far) = duplex(DUPLEX_BYTES);
+    Connector::in_memory(move || {
+        let (near, far) = wire::in_memory(MEMORY_BYTES);
         // its only error is that the near end has gone
         drop(spawn(emulator::serve(far, instrument.clone(), scene.clone(), origin)));
         near
-    }))
+    })
 }

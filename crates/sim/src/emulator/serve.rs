@@ -1,7 +1,7 @@
 //! Serves an instrument on a link: receives requests and sends each answer at its time.
 
 use super::{Instrument, Owed, Shared};
-use crate::scene::Scene;
+use crate::scene::{Scene, SceneDevice};
 use palpate_core::parallel::lock;
 use palpate_core::quantity::seconds;
 use palpate_link::time::{Instant, sleep_until, timeout};
@@ -51,13 +51,16 @@ struct Served<'a, I: ?Sized> {
     instrument: &'a Mutex<I>,
     scene: &'a Mutex<Scene>,
     origin: Instant,
+    device: SceneDevice,
     bell: Option<Arc<Notify>>,
 }
 
 impl<'a, I: Instrument + ?Sized> Served<'a, I> {
     fn new(instrument: &'a Mutex<I>, scene: &'a Mutex<Scene>, origin: Instant) -> Self {
-        let bell = lock(instrument).bell();
-        Served { instrument, scene, origin, bell }
+        let own = lock(instrument);
+        let (device, bell) = (own.device(), own.bell());
+        drop(own);
+        Served { instrument, scene, origin, device, bell }
     }
 
     async fn serve<S: AsyncRead + AsyncWrite + Unpin>(&self, mut stream: S) -> io::Result<()> {
@@ -193,9 +196,8 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
 
     /// Latency of an answer. `None` if the link is silent: the request or the answer is lost.
     fn latency(&self, now: Instant) -> Option<Duration> {
-        let device = lock(self.instrument).device();
         let now_s = (now - self.origin).as_secs_f64();
-        let latency_s = lock(self.scene).latency_s(device, now_s)?;
+        let latency_s = lock(self.scene).latency_s(self.device, now_s)?;
         Some(seconds(latency_s).max(LEAST_LATENCY))
     }
 
@@ -248,7 +250,7 @@ mod tests {
     use super::super::Esp301Emulator;
     use super::super::tests::{POWER_ON, Wire, scene, scene_with, shared};
     use super::*;
-    use crate::scene::{FaultKind, SceneDevice, SceneFault};
+    use crate::scene::{FaultKind, SceneFault};
     use palpate_core::quantity::Axis;
     use palpate_link::time::sleep;
 

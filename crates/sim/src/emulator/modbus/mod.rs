@@ -120,7 +120,9 @@ impl<M: RegisterMap> Instrument for Modbus<M> {
                 inbox.get(..TCP_HEADER + length)?.len()
             }
         };
-        Some(inbox.drain(..length).collect())
+        let request = inbox[..length].to_vec();
+        inbox.drain(..length);
+        Some(request)
     }
 
     fn silence(&self) -> Option<Duration> {
