@@ -29,7 +29,7 @@ pub struct FaultSearch {
 /// Result of a search.
 pub struct SearchedFaults {
     pub(super) restarts: u64,
-    /// Multiplications that it needed.
+    /// Work that it needed.
     pub(super) spent: u64,
     pub(super) shown: Shown,
     /// Sets of units whose usual misfits the session has paid for.

@@ -3,20 +3,22 @@
 use super::fitted::Answering;
 use super::{Model, Solution};
 use std::collections::VecDeque;
+use std::ops::Range;
 
 /// Keeps the last contacts of a session, and decides when a search among them is due.
 ///
 /// A search costs as much as hundreds of answers, so it needs a reason: misfits that rose, an output that repeats, units that are left
 /// out. It also needs credit, which is counted in multiplications, so the same readings have the same searches on every machine. Each
-/// search without a finding doubles the number of contacts until the next one; a new reason makes it small again.
+/// search without a finding makes the wait for the next one half as long again, from 10 to 640 contacts; a new reason makes it 10 again.
 pub(super) struct SearchSchedule {
     work: SearchWork,
-    /// Multiplications that may be spent on searches.
+    /// Work that may be spent on searches.
     credit: u64,
     /// Sets of units whose usual misfits searches have paid for.
     pub paid: Vec<Vec<usize>>,
-    /// Readings of the last contacts, the newest last.
-    contacts: VecDeque<Vec<f64>>,
+    /// Readings of the last contacts, row-major. Contact n is in row n modulo [`CONTACTS_KEPT`].
+    readings: Vec<f64>,
+    units: usize,
     /// Number of contacts so far.
     count: u64,
     /// How often each output was repeated until now.
@@ -41,7 +43,7 @@ pub(super) enum Shown {
     Suspicious,
 }
 
-/// Approximate costs, in multiplications of an answer.
+/// Approximate costs of predictions: the multiplications of the answers that pay for them.
 #[derive(Clone, Copy)]
 pub(super) struct SearchWork {
     answer: u64,
@@ -87,7 +89,7 @@ const WAIT_MOST: u64 = 640;
 /// it once in some 50,000.
 const SCORES: usize = 60;
 const ROSE_SD: f64 = 4.0;
-/// The work of answers is this many times the work of the searches that it pays for, after the two largest searches.
+/// How much more work answers are than the searches that they pay for, after the two largest searches.
 const PART_OF_ANSWERS: u64 = 40;
 /// Time of the product of a contact with all presses, compared with that of an answer, and of another multiplication of a search: an answer
 /// uses the widest vectors of the processor.
@@ -113,10 +115,12 @@ impl SearchWork {
         };
         if is_map {
             // each is a descent on the map
-            return SearchWork { answer, contact: answer, set: answer, held: 0 };
+            let prediction = PART_OF_ANSWERS * answer;
+            return SearchWork { answer, contact: prediction, set: prediction, held: HELD_MOST };
         }
         let set = TIME_OF_MULTIPLICATION * (FOR_PRESS * presses + FOR_UNIT * units + BESIDES) as u64;
-        SearchWork { answer, contact: TIME_OF_PRODUCT * answer + set, set, held: HELD_MOST }
+        let [contact, set] = [TIME_OF_PRODUCT * answer + set, set].map(|work| PART_OF_ANSWERS * work);
+        SearchWork { answer, contact, set, held: HELD_MOST }
     }
 
     /// The largest search among so many contacts.
@@ -124,10 +128,9 @@ impl SearchWork {
         contacts as u64 * self.contact + SETS_MOST * (TRIED_MOST + self.held) * self.set
     }
 
-    /// The two largest searches. The second one knows the usual misfits.
+    /// The two largest searches.
     fn credit(&self, units: usize) -> u64 {
-        let again = SearchWork { held: 0, ..*self };
-        [*self, again].map(|work| work.most(TRIED_MOST as usize + units)).iter().sum()
+        2 * self.most(TRIED_MOST as usize + units)
     }
 }
 
@@ -138,7 +141,8 @@ impl SearchSchedule {
             work,
             credit: work.credit(model.validity().units),
             paid: Vec::new(),
-            contacts: VecDeque::new(),
+            readings: Vec::new(),
+            units: model.validity().units,
             count: 0,
             repeats: vec![0; model.validity().units],
             ranks: MisfitRanks::default(),
@@ -166,22 +170,23 @@ impl SearchSchedule {
 
     /// Counts an answer, which pays for a part of a search.
     pub(crate) fn earn(&mut self) {
-        self.credit += self.work.answer / PART_OF_ANSWERS;
+        self.credit += self.work.answer;
     }
 
     /// Keeps the reading of a contact.
     pub(crate) fn add(&mut self, outputs: &[f64], solution: &Solution) {
-        let mut kept = match self.contacts.len() {
-            CONTACTS_KEPT => self.contacts.pop_front().unwrap_or_default(),
-            _ => Vec::with_capacity(outputs.len()),
-        };
-        kept.clear();
-        kept.extend_from_slice(outputs);
-        if let Some(last) = self.contacts.back() {
+        if self.readings.is_empty() {
+            self.readings.reserve_exact(CONTACTS_KEPT * self.units); // at once: no later answer allocates
+        }
+        if self.count > 0 {
+            let last = &self.readings[row(self.count - 1, self.units)];
             let again = self.repeats.iter_mut().zip(last.iter().zip(outputs));
             again.for_each(|(repeats, (last, output))| *repeats = if last == output { *repeats + 1 } else { 0 });
         }
-        self.contacts.push_back(kept);
+        match self.count < CONTACTS_KEPT as u64 {
+            true => self.readings.extend_from_slice(outputs),
+            false => self.readings[row(self.count, self.units)].copy_from_slice(outputs),
+        }
         self.count += 1;
         self.ranks.add(solution.misfit);
     }
@@ -206,15 +211,16 @@ impl SearchSchedule {
             (self.wait, self.from) = (WAIT_LEAST, self.from.min(self.count));
         }
         let is_looked_at =
-            self.shown != Shown::Suspicious && self.credit >= self.contacts.len() as u64 * self.work.contact;
+            self.shown != Shown::Suspicious && self.credit >= self.count.min(CONTACTS_KEPT as u64) * self.work.contact;
         let is_paid = self.may_try() || is_looked_at;
         if reasons == Reasons::default() || self.count < self.from || !is_paid {
             return None;
         }
         self.reasons = reasons;
         self.from = self.count + self.wait;
-        self.wait = (2 * self.wait).min(WAIT_MOST);
-        Some(self.contacts.iter().cloned().collect())
+        self.wait = (self.wait * 3 / 2).min(WAIT_MOST);
+        let first = self.count.saturating_sub(CONTACTS_KEPT as u64);
+        Some((first..self.count).map(|contact| self.readings[row(contact, self.units)].to_vec()).collect())
     }
 
     /// Returns the last contacts if a search is due, and no further contact comes.
@@ -240,6 +246,12 @@ impl SearchSchedule {
         self.repeats.fill(0);
         (self.wait, self.from) = (WAIT_LEAST, self.count + WAIT_LEAST);
     }
+}
+
+/// Where the reading of a contact is.
+fn row(contact: u64, units: usize) -> Range<usize> {
+    let row = (contact % CONTACTS_KEPT as u64) as usize;
+    row * units..(row + 1) * units
 }
 
 impl Reasons {
@@ -339,13 +351,13 @@ mod tests {
         let mut schedule = schedule();
         assert_eq!(searched(&mut schedule, misfits(300), 0, Shown::Usual), [20]);
         let again = searched(&mut schedule, misfits(300).map(|misfit| 80.0 + misfit), 0, Shown::Usual);
-        assert!(again[0] > 300 && again[0] <= 300 + CONTACTS_LEAST as u64, "{again:?}");
+        assert!(again[0] > 300 && again[0] <= 300 + SCORES as u64, "{again:?}");
     }
 
     #[test]
-    fn each_search_without_a_finding_doubles_the_wait() {
+    fn each_search_without_a_finding_makes_the_wait_longer() {
         let found = searched(&mut schedule(), misfits(3000), 0, Shown::Suspicious);
-        assert_eq!(found, [20, 21, 31, 51, 91, 171, 331, 651, 1291, 1931, 2571]);
+        assert_eq!(found, [20, 21, 31, 46, 68, 101, 150, 223, 332, 495, 739, 1105, 1654, 2294, 2934]);
     }
 
     #[test]
@@ -353,7 +365,7 @@ mod tests {
         let mut schedule = schedule();
         let most = schedule.work.most(63);
         assert_eq!(searched(&mut schedule, misfits(2000), most, Shown::Suspicious), [20, 21]);
-        let answers = most * PART_OF_ANSWERS / schedule.work.answer;
+        let answers = most / schedule.work.answer + 1;
         (0..answers).for_each(|_| schedule.earn());
         assert_eq!(searched(&mut schedule, misfits(10), most, Shown::Suspicious).len(), 1);
     }

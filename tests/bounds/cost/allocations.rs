@@ -40,12 +40,13 @@ fn a_reading_allocates_as_much_as_expected() {
     for sensor in Sensor::all() {
         let model = Arc::new(Model::fit("pearson", sensor.calibration(), &Setting::default()).expect("pearson fits"));
         for state in State::ALL {
-            let mut session = Session::new(model.clone());
+            // searches are counted as instructions
+            let mut session = Session::new(model.clone()).deferring();
             let solve = |outputs: Vec<f64>| _ = session.solve(&outputs);
             add(format!("session-{}-{}", sensor.units, state.name()), each(sensor.readings(state), solve));
 
             let readings = Readings::new("stdin", sensor.units, Some(ReadingFormat::Ndjson), Mapping::default());
-            let mut answers = Answers::new(readings, Session::new(model.clone()));
+            let mut answers = Answers::new(readings, Session::new(model.clone()).deferring());
             let answer = |line: String| _ = answers.answer(line.as_bytes()).expect("a reading");
             add(format!("answers-{}-{}", sensor.units, state.name()), each(sensor.lines(state), answer));
         }
