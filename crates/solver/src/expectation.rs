@@ -212,7 +212,19 @@ fn products(one: &[f32], other: &[f32], without: &[usize]) -> [f32; 3] {
 
 fn nearest_presses(model: &Model) -> Option<NearestPresses> {
     let calibration = model.calibration()?.of_units(&model.fitted().kept());
-    NearestPresses::of(&calibration, model.setting().load)
+    NearestPresses::of(&calibration, model.setting().load, still(model.fitted().answering()))
+}
+
+/// Variance of each output without a contact; `None` if the method doesn't know it.
+fn still(answering: &Answering) -> Option<Vec<f64>> {
+    match answering {
+        Answering::ByLoad(by_load) => still(&by_load.any),
+        Answering::Appraised(appraised) => Some(appraised.silence().0).filter(|still| !still.is_empty()),
+        Answering::Forward(forward) => {
+            let units = forward.response.field.channels();
+            Some((0..units).map(|unit| forward.response.noise.variance(unit, 0.0)).collect())
+        }
+    }
 }
 
 fn map_of(model: &Model) -> Option<&Forward> {

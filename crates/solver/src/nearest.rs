@@ -3,7 +3,6 @@
 use super::expectation::Prediction;
 use super::gaussian_process::places_in_turn;
 use super::noise::{Noise, Residual};
-use super::surrogate::surrogate;
 use super::view::has_several_lengths;
 use super::{Calibration, ForceKnown};
 use palpate_core::algebra::{cholesky, substitute};
@@ -62,8 +61,9 @@ struct Near {
 }
 
 impl NearestPresses {
-    /// Returns the presses of a calibration; `None` if they are too few.
-    pub(crate) fn of(calibration: &Calibration, load: ForceKnown) -> Option<Self> {
+    /// Returns the presses of a calibration; `None` if they are too few. `still` is the variance of each output without a contact; if it is
+    /// unknown, the noise isn't scaled with a press.
+    pub(crate) fn of(calibration: &Calibration, load: ForceKnown, still: Option<Vec<f64>>) -> Option<Self> {
         let units = calibration.units();
         let spots = calibration.by_place();
         if spots.len() <= NEAREST {
@@ -100,8 +100,8 @@ impl NearestPresses {
             nearest.learn_noise(least);
         }
         nearest.scale_columns();
-        if is_scaled && let Ok(response) = surrogate(calibration) {
-            nearest.still = (0..units).map(|unit| response.noise.variance(unit, 0.0)).collect();
+        if is_scaled && let Some(still) = still.filter(|still| still.len() == units) {
+            nearest.still = still;
         }
         Some(nearest)
     }
@@ -346,7 +346,7 @@ mod tests {
         let rows: Vec<Vec<f64>> = (0..225).map(outputs).collect();
         let point = |(press, outputs)| CalibrationPoint { place: place(press), force_n: 1.0, outputs };
         let points: Vec<_> = rows.iter().map(Vec::as_slice).enumerate().map(point).collect();
-        let presses = NearestPresses::of(&Calibration::new(&points).unwrap(), ForceKnown::Unknown).unwrap();
+        let presses = NearestPresses::of(&Calibration::new(&points).unwrap(), ForceKnown::Unknown, None).unwrap();
         assert_eq!(presses.repeats(0, |output| output == LARGEST), None);
         assert_eq!(presses.repeats(0, |output| output == 3.25), Some(0.5));
         // two presses far from each other read it
