@@ -43,7 +43,7 @@ pub struct SolveOptions {
     /// Don't print which method is used and why
     #[arg(long)]
     pub quiet: bool,
-    /// Whether searches for outputs at fault run beside the answers, so that none waits for long. Otherwise the same readings have the same
+    /// Whether searches for outputs at fault run beside the answers, so that none waits for one. Otherwise the same readings have the same
     /// answers.
     #[arg(skip)]
     pub is_live: bool,
