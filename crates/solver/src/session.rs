@@ -42,7 +42,9 @@ pub struct Session {
     last_outputs: Vec<f64>,
     /// Contacts that don't fit the calibration.
     chart: MisfitChart,
+    /// Whether the chart reported, and whether that is stated.
     is_out_of_date: bool,
+    is_stated: bool,
     workspace: Workspace,
 }
 
@@ -141,6 +143,7 @@ impl Session {
             last: None,
             last_outputs: Vec::new(),
             is_out_of_date: false,
+            is_stated: false,
             workspace: Workspace::default(),
         }
     }
@@ -170,7 +173,11 @@ impl Session {
     /// Whether so many contacts didn't fit the calibration that the sensor should be calibrated again. Contacts at several places
     /// at once don't fit either.
     pub fn is_out_of_date(&self) -> bool {
-        // units at fault may be the reason: a search shows it soon
+        self.is_stated
+    }
+
+    /// States that the chart reports, unless a search shows soon whether units at fault are the reason.
+    fn state_chart(&mut self) {
         let is_searched = match self.search {
             Searching::No => false,
             Searching::Due(_) => true,
@@ -178,7 +185,7 @@ impl Session {
                 self.schedule.count() < counts_from
             }
         };
-        self.is_out_of_date && !is_searched
+        self.is_stated |= self.is_out_of_date && !is_searched;
     }
 
     /// Solves the next reading; a missing output is NaN.
@@ -232,9 +239,14 @@ impl Session {
             self.last = Some(*solution);
             self.is_out_of_date |= self.chart.count(solution);
         }
-        if outputs.iter().any(|output| !output.is_finite()) || is_nearly(&self.last_outputs, outputs) {
-            return;
+        if outputs.iter().all(|output| output.is_finite()) && !is_nearly(&self.last_outputs, outputs) {
+            self.count_changed(outputs, solution);
         }
+        self.state_chart();
+    }
+
+    /// Keeps the reading of a contact, and begins a search if one is due.
+    fn count_changed(&mut self, outputs: &[f64], solution: &Solution) {
         self.last_outputs.clear();
         self.last_outputs.extend_from_slice(outputs);
         self.schedule.add(outputs, solution);
@@ -306,6 +318,7 @@ impl Session {
             }
             self.count_now();
         }
+        self.state_chart();
     }
 
     /// Lets the result of a search count if it is time.
@@ -334,7 +347,7 @@ impl Session {
             self.schedule.begin_again();
             // the units were the reason
             self.chart = MisfitChart::new(self.model().setting().false_alarms);
-            self.is_out_of_date = false;
+            (self.is_out_of_date, self.is_stated) = (false, false);
         }
     }
 
