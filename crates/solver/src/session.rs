@@ -43,8 +43,8 @@ pub struct Session {
     /// Contacts that don't fit the calibration.
     chart: MisfitChart,
     /// Whether the chart reported, and whether that is stated.
+    chart_reports: bool,
     is_out_of_date: bool,
-    is_stated: bool,
     workspace: Workspace,
 }
 
@@ -142,8 +142,8 @@ impl Session {
             partial: Vec::new(),
             last: None,
             last_outputs: Vec::new(),
+            chart_reports: false,
             is_out_of_date: false,
-            is_stated: false,
             workspace: Workspace::default(),
         }
     }
@@ -173,7 +173,7 @@ impl Session {
     /// Whether so many contacts didn't fit the calibration that the sensor should be calibrated again. Contacts at several places
     /// at once don't fit either.
     pub fn is_out_of_date(&self) -> bool {
-        self.is_stated
+        self.is_out_of_date
     }
 
     /// States that the chart reports, unless a search shows soon whether units at fault are the reason.
@@ -185,7 +185,7 @@ impl Session {
                 self.schedule.count() < counts_from
             }
         };
-        self.is_stated |= self.is_out_of_date && !is_searched;
+        self.is_out_of_date |= self.chart_reports && !is_searched;
     }
 
     /// Solves the next reading; a missing output is NaN.
@@ -237,7 +237,7 @@ impl Session {
         }
         if !self.last.is_some_and(|last| is_same(&last, solution)) {
             self.last = Some(*solution);
-            self.is_out_of_date |= self.chart.count(solution);
+            self.chart_reports |= self.chart.count(solution);
         }
         if outputs.iter().all(|output| output.is_finite()) && !is_nearly(&self.last_outputs, outputs) {
             self.count_changed(outputs, solution);
@@ -252,7 +252,7 @@ impl Session {
         self.schedule.add(outputs, solution);
         self.apply();
         if matches!(self.search, Searching::No)
-            && let Some(contacts) = self.schedule.due(self.is_out_of_date, !self.broke.is_empty())
+            && let Some(contacts) = self.schedule.due(self.chart_reports, !self.broke.is_empty())
         {
             self.begin(contacts);
         }
@@ -311,7 +311,7 @@ impl Session {
     /// Ends the readings: lets the result of a search count, and that of another one if the last contacts give a reason for it.
     pub fn finish(&mut self) {
         self.count_now();
-        if let Some(contacts) = self.schedule.due_at_end(self.is_out_of_date, !self.broke.is_empty()) {
+        if let Some(contacts) = self.schedule.due_at_end(self.chart_reports, !self.broke.is_empty()) {
             self.begin(contacts);
             if let Some(search) = self.search() {
                 self.accept(search.run());
@@ -347,7 +347,7 @@ impl Session {
             self.schedule.begin_again();
             // the units were the reason
             self.chart = MisfitChart::new(self.model().setting().false_alarms);
-            (self.is_out_of_date, self.is_stated) = (false, false);
+            (self.chart_reports, self.is_out_of_date) = (false, false);
         }
     }
 
