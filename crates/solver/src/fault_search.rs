@@ -12,18 +12,18 @@ use std::sync::Arc;
 /// left out together if no single one explains the contacts, such as two swapped ones. Misfits are compared as logarithms, with those
 /// of held-out presses, so a misfit that all units share, such as that of a drift, names no unit.
 pub struct FaultSearch {
-    fits: Arc<Fits>,
-    /// Outputs of the contacts, of all units.
-    contacts: Vec<Vec<f64>>,
+    pub(super) fits: Arc<Fits>,
+    /// Outputs of the contacts, of all units; the newest last.
+    pub(super) contacts: Vec<Vec<f64>>,
     /// Units that broke in the session.
-    broke: Vec<Broken>,
-    work: SearchWork,
+    pub(super) broke: Vec<Broken>,
+    pub(super) work: SearchWork,
     /// Sets of units whose usual misfits the session has paid for.
-    paid: Vec<Vec<usize>>,
+    pub(super) paid: Vec<Vec<usize>>,
     /// Whether the credit suffices for trying units.
-    may_try: bool,
+    pub(super) may_try: bool,
     /// Number of restarts of the session before.
-    restarts: u64,
+    pub(super) restarts: u64,
 }
 
 /// Result of a search.
@@ -132,27 +132,14 @@ const EXPLAINED: f64 = 0.5;
 const WORKS_SD: f64 = 0.5;
 
 impl FaultSearch {
-    pub(super) fn new(
-        fits: Arc<Fits>,
-        contacts: Vec<Vec<f64>>,
-        broke: Vec<Broken>,
-        work: SearchWork,
-        paid: Vec<Vec<usize>>,
-        may_try: bool,
-        restarts: u64,
-    ) -> Self {
-        FaultSearch { fits, contacts, broke, work, paid, may_try, restarts }
-    }
-
     /// Searches. The result is for [`Session::accept`](super::Session::accept).
     pub fn run(self) -> SearchedFaults {
         let FaultSearch { fits, contacts, broke, work, paid, may_try, restarts } = self;
-        let mut nothing =
-            SearchedFaults { restarts, spent: 0, shown: Shown::Usual, paid, found: None, changes: Vec::new() };
-        let Some(expectation) = fits.expectation() else { return nothing };
+        let nothing =
+            |spent, shown, paid| SearchedFaults { restarts, spent, shown, paid, found: None, changes: Vec::new() };
+        let Some(expectation) = fits.expectation() else { return nothing(0, Shown::Usual, paid) };
         let kept = fits.model().fitted().kept();
         let left_out = broke.iter().filter_map(|broken| kept.iter().position(|unit| *unit == broken.unit)).collect();
-        let paid = std::mem::take(&mut nothing.paid);
         let mut comparison = Comparison::new(expectation, kept.len(), left_out, work, paid);
         for contact in contacts.iter().rev() {
             comparison.add(kept.iter().map(|&unit| contact[unit]).collect());
@@ -168,7 +155,7 @@ impl FaultSearch {
         }
         let decision = decision.or_else(|| comparison.works_again());
         let Comparison { left_out, spent, paid, .. } = comparison;
-        let searched = SearchedFaults { spent, shown, paid, ..nothing };
+        let searched = nothing(spent, shown, paid);
         let Some(decision) = decision else { return searched };
         let broke: Vec<Broken> = decision
             .applied(&left_out)

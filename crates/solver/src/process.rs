@@ -69,12 +69,7 @@ impl Process {
         outputs.copy_from_slice(&self.mean);
         self.correlation.add_weighted(input, &self.inputs, &self.weights, outputs)
     }
-}
 
-/// Numbers of a process besides its mean, inputs and weights.
-const NUMBERS: usize = 2;
-
-impl Process {
     /// Returns the predictions of a process of places (inputs x and y), row-major, places x outputs.
     pub(crate) fn predict_places(&self, places: &[Place]) -> Vec<f64> {
         let mut predicted = vec![0.0; places.len() * self.mean.len()];
@@ -91,7 +86,7 @@ impl Process {
 
     /// Returns the process of places with these [numbers](Self::numbers) and so many outputs; `None` if there is none.
     pub(crate) fn of_numbers(numbers: &[f64], outputs: usize) -> Option<Self> {
-        let (correlation, rest) = numbers.split_first_chunk::<NUMBERS>()?;
+        let (correlation, rest) = numbers.split_first_chunk()?;
         let (mean, rest) = rest.split_at_checked(outputs)?;
         let count = rest.len() / (2 + outputs);
         let (inputs, weights) = rest.split_at_checked(2 * count)?;

@@ -305,8 +305,6 @@ mod tests {
     use super::*;
     use crate::{Calibration, CalibrationPoint, ContactVerdict, Place};
 
-    const PEARSON: &str = "pearson";
-
     fn schedule() -> SearchSchedule {
         let row = |i: usize| [1.0, 2.0, 3.0].map(|unit| 1.0 / (1.0 + (unit - i as f64).powi(2)));
         let rows: Vec<[f64; 3]> = (0..5).map(row).collect();
@@ -316,7 +314,7 @@ mod tests {
             .map(|(i, outputs)| CalibrationPoint { place: Place::new(i as f64, 0.0), force_n: 1.0, outputs })
             .collect();
         let calibration = Calibration::new(&points).unwrap();
-        SearchSchedule::new(&Model::fit(PEARSON, calibration, &crate::Setting::default()).unwrap())
+        SearchSchedule::new(&Model::fit("pearson", calibration, &crate::Setting::default()).unwrap())
     }
 
     /// Adds contacts with these misfits, whose searches cost this and end without a finding. Returns the contacts that were searched.

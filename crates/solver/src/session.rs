@@ -260,11 +260,15 @@ impl Session {
 
     /// Begins a search, or leaves it to the program.
     fn begin(&mut self, contacts: Vec<Vec<f64>>) {
-        let (work, may_try) = (self.schedule.work(), self.schedule.may_try());
-        let paid = std::mem::take(&mut self.schedule.paid);
-        let (fits, broke) = (self.fits.clone(), self.broke.clone());
-        let search = FaultSearch::new(fits, contacts, broke, work, paid, may_try, self.restarts);
-        self.search = Searching::Due(search);
+        self.search = Searching::Due(FaultSearch {
+            fits: self.fits.clone(),
+            contacts,
+            broke: self.broke.clone(),
+            work: self.schedule.work(),
+            may_try: self.schedule.may_try(),
+            paid: std::mem::take(&mut self.schedule.paid), // after `may_try`, which asks for it
+            restarts: self.restarts,
+        });
         if !self.defers
             && let Some(search) = self.search()
         {
