@@ -1,6 +1,6 @@
 //! What the program costs its users, counted and not timed: instructions, allocations, threads, and waits for a time.
 //!
-//! `cost.toml` has the expected counts. The counts of instructions are those of the release program on one processor with AVX2, which
+//! `cost.toml` has the expected counts. The counts of instructions are those of the wheel's program on one processor with AVX2, which
 //! callgrind knows; another compiler may change them by some percent, and then they are written again. `tests/README.md` has the
 //! commands.
 
@@ -163,7 +163,7 @@ fn program() -> PathBuf {
         test.ancestors().nth(3).expect("a test is in a folder of the target folder").join("release/palpate")
     });
     let program = program.canonicalize().unwrap_or_else(|error| {
-        panic!("{}: {error}. `cargo build --release --bin palpate` makes it", program.display())
+        panic!("{}: {error}. tests/README.md has the command that makes it", program.display())
     });
     println!("instructions of {}", program.display());
     program
