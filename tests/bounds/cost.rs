@@ -74,8 +74,9 @@ impl Case {
         let held = || vec![nine()[0].clone(); nine().len()];
         let serve = "serve --model pearson-9.palpate --json --quiet --listen 127.0.0.1:0";
         let solve = "solve --model pearson-9.palpate --json --quiet";
+        let best = Case::new("solve-best-9-units-healthy", "solve --model best-9.palpate --json --quiet");
+        cases.push(Case { lines: nine(), ..best });
         let live = [
-            ("solve-best-9-units-healthy", "solve --model best-9.palpate --json --quiet", Feed::File),
             ("solve-live-9-units", solve, Feed::Pipe),
             ("serve-1-connection", serve, Feed::Server { connections: 1 }),
             ("serve-8-connections", serve, Feed::Server { connections: 8 }),
