@@ -2,15 +2,15 @@
 
 use super::begun::{Common, StudyOutput, ended, number};
 
-use crate::api::{self, ColumnsOptions, Failure};
 use crate::api::recorded::{read_presses, read_run};
+use crate::api::{self, ColumnsOptions, Failure};
 use crate::cli::summary::note;
 use crate::cli::text_table::{TextTable, cells};
 use palpate_data::recipe::Phase;
 use palpate_solver::{BEST, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, Model};
 use palpate_study::methods::{
-    CONDITIONS, KnownReadings, MethodRow, MethodTrial, NoiseReference, StudiedMethod, budget_figures, budget_figures_of,
-    coverage_figures, failure_figures, of_run, of_tables, speed_accuracy_figures,
+    CONDITIONS, KnownReadings, MethodRow, MethodTrial, NoiseReference, StudiedMethod, budget_figures,
+    budget_figures_of, coverage_figures, failure_figures, of_run, of_tables, speed_accuracy_figures,
 };
 use palpate_study::{methods, ndjson};
 use std::fmt::Write as _;

@@ -25,7 +25,11 @@ pub fn speed_accuracy_figures(trials: &[MethodTrial], found: &[MethodRow]) -> Ve
         height_px: 420.0,
         panels: trials.iter().map(panel).collect(),
         legend: legend(methods().filter(|(_, name)| name != BEST), 7),
-        notes: [Some(to_the_right), Some(ringed), found.first().and_then(bound_name)].into_iter().flatten().map(str::to_owned).collect(),
+        notes: [Some(to_the_right), Some(ringed), found.first().and_then(bound_name)]
+            .into_iter()
+            .flatten()
+            .map(str::to_owned)
+            .collect(),
         ..Figure::default()
     };
     vec![("speed-accuracy.svg".to_owned(), figure.svg())]
