@@ -1,31 +1,43 @@
 //! Programs of URScript, as far as clients of this emulator need it (document: "URScript manual").
 //!
-//! A program is a `def` with its `end`. It is read as a whole before any of it is run.
+//! A program is a `def` with its `end`, and a secondary one, which takes no time and ends no other one, a `sec`. It is read as a whole
+//! before any of it is run. It has variables, `if`, `elif`, `else` and `while`. It has no functions and threads of its own.
 
-/// A pose: m and rad, as a rotation vector.
-pub(super) type Pose = [f64; 6];
+mod expression;
+mod functions;
+mod value;
 
-/// Step of a program.
+pub(super) use expression::{Call, Expression};
+pub(super) use value::Value;
+
+/// Statement of a program.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Step {
-    /// Target, and the speed, m/s, and the acceleration, m/s^2.
-    MoveLinear(Pose, [f64; 2]),
-    /// Duration, s.
-    Sleep(f64),
-    /// Number of an integer register below 48, and its value.
-    Write(usize, i32),
-    /// Chooses by whether a condition is as `wanted` says.
-    If { wanted: bool, condition: Condition, yes: Vec<Step>, no: Vec<Step> },
+pub(super) enum Statement {
+    /// Gives a variable a value.
+    Let(String, Expression),
+    /// A call for its effect.
+    Do(Call),
+    If {
+        condition: Expression,
+        yes: Vec<Statement>,
+        no: Vec<Statement>,
+    },
+    While {
+        condition: Expression,
+        body: Vec<Statement>,
+    },
 }
 
-/// Condition of an `if`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Condition {
-    /// A pose is within the safety limits.
-    Within(Pose),
-    /// An integer register is below a number.
-    Below(usize, i32),
+/// A program.
+#[derive(Debug, PartialEq)]
+pub(super) struct Program {
+    pub statements: Vec<Statement>,
+    /// Whether it is a `sec`.
+    pub is_secondary: bool,
 }
+
+/// Largest depth of blocks, so that no text exhausts the stack.
+const DEPTH_MOST: usize = 32;
 
 /// Takes the lines of the next whole program from the front. Blocks are counted, since indentation has no meaning.
 pub(super) fn take_program(received: &mut Vec<u8>) -> Option<Vec<u8>> {
@@ -46,102 +58,77 @@ pub(super) fn take_program(received: &mut Vec<u8>) -> Option<Vec<u8>> {
 }
 
 /// Reads a program; `None` for a syntax error or a statement that isn't known here.
-pub(super) fn read_program(text: &[u8]) -> Option<Vec<Step>> {
+pub(super) fn read_program(text: &[u8]) -> Option<Program> {
     let text = std::str::from_utf8(text).ok()?;
     let mut lines = text.lines().map(bare).filter(|line| !line.is_empty());
-    let name = lines.next()?.strip_prefix("def ")?.strip_suffix(':')?.trim().strip_suffix("()")?;
-    let is_name = !name.is_empty() && name.chars().all(|char| char.is_ascii_alphanumeric() || char == '_');
-    let (steps, end) = read_block(&mut lines)?;
-    (is_name && end == "end" && lines.next().is_none()).then_some(steps)
+    let (kind, head) = lines.next()?.split_once(' ')?;
+    let name = head.strip_suffix(':')?.trim().strip_suffix("()")?;
+    let (statements, end) = read_block(&mut lines, 0)?;
+    let is_whole = ["def", "sec"].contains(&kind) && is_name(name) && end == "end" && lines.next().is_none();
+    is_whole.then_some(Program { statements, is_secondary: kind == "sec" })
 }
 
-/// Reads the steps up to a line that ends the block, and returns that line, too.
-fn read_block<'a>(lines: &mut impl Iterator<Item = &'a str>) -> Option<(Vec<Step>, &'a str)> {
-    let mut steps = Vec::new();
+/// Reads the statements up to a line that ends the block, and returns that line, too.
+fn read_block<'a>(lines: &mut impl Iterator<Item = &'a str>, depth: usize) -> Option<(Vec<Statement>, &'a str)> {
+    let mut statements = Vec::new();
     loop {
-        let line = lines.next()?;
-        if line == "end" || line == "else:" {
-            return Some((steps, line));
+        let line = lines.next().filter(|_| depth < DEPTH_MOST)?;
+        if line == "end" || line == "else:" || headed(line, "elif").is_some() {
+            return Some((statements, line));
         }
-        let Some(condition) = line.strip_prefix("if").filter(|rest| rest.starts_with([' ', '('])) else {
-            steps.push(read_statement(line)?);
-            continue;
-        };
-        let (wanted, condition) = read_condition(condition.strip_suffix(':')?)?;
-        let (yes, end) = read_block(lines)?;
-        let no = if end == "end" { Vec::new() } else { read_block(lines).filter(|(_, end)| *end == "end")?.0 };
-        steps.push(Step::If { wanted, condition, yes, no });
-    }
-}
-
-/// Reads a condition, and whether it or its opposite is wanted.
-fn read_condition(text: &str) -> Option<(bool, Condition)> {
-    let (mut text, mut wanted) = (text.trim(), true);
-    loop {
-        if let Some((read, limit)) = text.split_once('<') {
-            let list = read.trim_matches(['(', ' ']).strip_prefix("read_output_integer_register")?;
-            let register = arguments(list, ["address"])?[0]?.parse().ok().filter(|&register| register < 48)?;
-            return Some((wanted, Condition::Below(register, number(limit.trim_matches([')', ' ']))? as i32)));
-        } else if let Some(inner) = text.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) {
-            text = inner.trim();
-        } else if let Some(inner) = text.strip_prefix("not").filter(|rest| rest.starts_with([' ', '('])) {
-            (text, wanted) = (inner.trim(), !wanted);
+        statements.push(if let Some(condition) = headed(line, "if") {
+            read_if(condition, lines, depth + 1)?
+        } else if let Some(condition) = headed(line, "while") {
+            let (body, end) = read_block(lines, depth + 1)?;
+            (end == "end").then_some(Statement::While { condition: Expression::read(condition)?, body })?
         } else {
-            let list = text.strip_prefix("is_within_safety_limits")?;
-            return Some((wanted, Condition::Within(read_pose(arguments(list, ["pose"])?[0]?)?)));
-        }
+            read_statement(line)?
+        });
     }
 }
 
-fn read_statement(line: &str) -> Option<Step> {
-    let (name, list) = line.split_at(line.find('(')?);
-    match name.trim_end() {
-        "movel" => {
-            let [pose, a, v, t, r] = arguments(list, ["pose", "a", "v", "t", "r"])?;
-            let limits = [number(v.unwrap_or("0.25"))?, number(a.unwrap_or("1.2"))?];
-            let is_known = number(t.unwrap_or("0"))? == 0.0 && number(r.unwrap_or("0")).is_some();
-            (is_known && limits.iter().all(|&limit| limit > 0.0)).then_some(Step::MoveLinear(read_pose(pose?)?, limits))
+/// Reads the rest of an `if` or `elif`.
+fn read_if<'a>(condition: &str, lines: &mut impl Iterator<Item = &'a str>, depth: usize) -> Option<Statement> {
+    let condition = Expression::read(condition)?;
+    let (yes, end) = read_block(lines, depth)?;
+    let no = if end == "end" {
+        Vec::new()
+    } else if let Some(condition) = headed(end, "elif") {
+        if depth == DEPTH_MOST {
+            return None;
         }
-        // a program moves only while it waits for the motion, so there is nothing to stop
-        "stopl" => arguments(list, ["a", "aRot"]).map(|_| Step::Sleep(0.0)),
-        "sleep" => Some(Step::Sleep(number(arguments(list, ["t"])?[0]?)?.max(0.0))),
-        "write_output_integer_register" => {
-            let [register, value] = arguments(list, ["address", "value"])?;
-            let register = register?.parse().ok().filter(|&register| register < 48)?;
-            Some(Step::Write(register, number(value?)? as i32))
+        vec![read_if(condition, lines, depth + 1)?]
+    } else {
+        read_block(lines, depth).filter(|(_, end)| *end == "end")?.0
+    };
+    Some(Statement::If { condition, yes, no })
+}
+
+/// Returns what is between a word at the begin of a line and the colon at its end.
+fn headed<'a>(line: &'a str, word: &str) -> Option<&'a str> {
+    line.strip_prefix(word).filter(|rest| rest.starts_with([' ', '(']))?.strip_suffix(':')
+}
+
+fn read_statement(line: &str) -> Option<Statement> {
+    if let Some((name, value)) = line.split_once('=')
+        && !value.starts_with('=')
+    {
+        let name = ["local ", "global "].into_iter().find_map(|scope| name.strip_prefix(scope)).unwrap_or(name).trim();
+        if is_name(name) {
+            return Some(Statement::Let(name.to_owned(), Expression::read(value)?));
         }
+    }
+    match Expression::read(line)? {
+        Expression::Call(call) => Some(Statement::Do(call)),
         _ => None,
     }
+}
+
+fn is_name(text: &str) -> bool {
+    !text.is_empty() && text.chars().all(|char| char.is_ascii_alphanumeric() || char == '_')
 }
 
 /// Returns a line without its comment and the spaces around it.
 fn bare(line: &str) -> &str {
     line.split('#').next().unwrap_or(line).trim()
-}
-
-/// Splits a list of arguments in parentheses, and assigns them to parameters, by position or by name.
-fn arguments<'a, const N: usize>(list: &'a str, names: [&str; N]) -> Option<[Option<&'a str>; N]> {
-    let inner = list.trim().strip_prefix('(')?.strip_suffix(')')?;
-    let (mut values, mut depth) = ([None; N], 0);
-    let parts = inner.split(|char| {
-        depth += i32::from(char == '[') - i32::from(char == ']');
-        char == ',' && depth == 0
-    });
-    for (position, part) in parts.enumerate() {
-        let (position, text) = match part.split_once('=') {
-            Some((name, text)) => (names.iter().position(|known| *known == name.trim())?, text),
-            None => (position, part),
-        };
-        *values.get_mut(position).filter(|value| value.is_none())? = Some(text.trim());
-    }
-    Some(values)
-}
-
-fn read_pose(text: &str) -> Option<Pose> {
-    let parts: Option<Vec<f64>> = text.strip_prefix("p[")?.strip_suffix(']')?.split(',').map(number).collect();
-    parts?.try_into().ok()
-}
-
-fn number(text: &str) -> Option<f64> {
-    text.trim().parse().ok().filter(|value: &f64| value.is_finite())
 }
