@@ -3,8 +3,11 @@
 //!
 //! Axes 1, 2 and 3 are x, y and z. If the manual isn't clear, this controller follows the stricter of two readings. A target is
 //! accepted only by an axis at rest (x32, or x30 while it homes), a line has at most 80 characters, and numbers have no exponent.
-//! Groups are refused (27), because the rig doesn't use them. Jogs, relative moves, resets, waits except `WS`, and settings of
-//! jerks and acceleration limits are unknown here (6), because no client of this program sends them.
+//! Groups are refused (27), because the rig doesn't use them. Jogs, resets, waits except `WS`, and settings of jerks and acceleration
+//! limits are unknown here (6), because no client of this program sends them.
+//!
+//! `PR` moves by a distance from where the controller wants the axis to be, not from where the encoder reads it, so its rounding doesn't
+//! add up over many moves. Its target is checked like that of `PA`.
 
 mod drive;
 mod errors;

@@ -275,6 +275,50 @@ fn a_new_target_under_way_is_refused_and_the_old_one_reached() {
 }
 
 #[test]
+fn a_relative_move_counts_from_the_commanded_place_whatever_it_is_called() {
+    let mut bench = Esp301Bench::homed_on(scene_with(|spec| {
+        spec.stage = Some(Servo { lag_s: 0.05, quantum_mm: 0.0, ..Servo::default() })
+    }));
+    assert_eq!(bench.say(11.0, "1VA10;1PR1.5;2VA5;2PR-0.5;3PR-2.25;3MD?"), "0");
+    assert_eq!(bench.say(15.0, "TP;1PA?;2PA?;3PA?"), "1.5000, -0.5000, 10.2500|1.5000|-0.5000|10.2500");
+    // the stage lags behind, and the second way adds to the first as a whole
+    bench.say(16.0, "1PR1");
+    let done_s = bench.scene.motion(Axis::X).end_s() + 1e-6;
+    assert_eq!(bench.say(done_s, "1MD?;1PR1"), "1");
+    assert!((bench.true_mm(Axis::X, 20.0) - 3.5).abs() < 1e-9);
+    // home defined anew changes the count, and no way
+    bench.say(20.0, "3DH;3PR-0.5");
+    assert_eq!(bench.say(25.0, "3TP"), "-0.5000");
+    assert_eq!(bench.true_mm(Axis::Z, 25.0), 9.75);
+    // after a stop it counts from where the axis was stopped
+    bench.say(30.0, "1PR5");
+    bench.say(30.4, "1ST");
+    let stopped_mm = bench.true_mm(Axis::X, 32.0);
+    bench.say(32.0, "1PR-1");
+    assert!((bench.true_mm(Axis::X, 40.0) - stopped_mm + 1.0).abs() < 1e-9);
+    assert_eq!(bench.errors(40.0), [""; 0]);
+}
+
+#[test]
+fn a_relative_move_is_refused_like_an_absolute_one() {
+    for (sent, codes) in [
+        ("PR1", &["37"][..]),
+        ("1PR", &["38"]),
+        ("4PR1", &["9"]),
+        ("1PRx;2PR1", &["101"]),
+        ("1PR12.51", &["106"]),
+        ("1PR-12.51;3PR-25.1", &["107", "307"]),
+        ("3MF;3PR-1", &["313"]),
+        ("2PR1;2PR1", &["232"]),
+        ("2OR4;2PR1", &["230"]),
+    ] {
+        let mut bench = Esp301Bench::homed();
+        assert_eq!(bench.say(20.0, sent), "", "{sent}");
+        assert_eq!(bench.errors(30.0), codes, "{sent}");
+    }
+}
+
+#[test]
 fn a_new_speed_acts_at_once() {
     let mut bench = Esp301Bench::homed();
     bench.say(10.0, "1VA2;1PA10");

@@ -4,6 +4,8 @@ use super::fault::GrblError;
 
 /// Letters that accept no negative number.
 const NOT_NEGATIVE: [u8; 3] = *b"FNP";
+/// Length of an inch, mm.
+const INCH_MM: f64 = 25.4;
 
 /// Motion mode of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,15 +23,33 @@ pub(super) struct Modal {
     pub motion: MotionMode,
     /// G91.
     pub incremental: bool,
+    /// G20: lengths and feeds of lines are in inches. Reports stay in mm, as `$13=0` has it.
+    pub inches: bool,
     /// F, mm/min; zero until it is set.
     pub feed_mm_min: f64,
-    /// G92: machine minus work coordinates, mm.
+    /// G54, as G10 sets it, mm. It is stored, so a reset doesn't change it.
+    pub g54_mm: [f64; 3],
+    /// G92, mm.
     pub g92_mm: [f64; 3],
+}
+
+impl Modal {
+    /// Machine minus work coordinates, mm.
+    pub(super) fn offset_mm(&self) -> [f64; 3] {
+        std::array::from_fn(|n| self.g54_mm[n] + self.g92_mm[n])
+    }
+
+    /// Returns the state after a reset.
+    pub(super) fn after_reset(&self) -> Modal {
+        Modal { g54_mm: self.g54_mm, ..Modal::default() }
+    }
 }
 
 impl Default for Modal {
     fn default() -> Self {
-        Modal { motion: MotionMode::Rapid, incremental: false, feed_mm_min: 0.0, g92_mm: [0.0; 3] }
+        let (incremental, inches) = (false, false);
+        let (g54_mm, g92_mm) = ([0.0; 3], [0.0; 3]);
+        Modal { motion: MotionMode::Rapid, incremental, inches, feed_mm_min: 0.0, g54_mm, g92_mm }
     }
 }
 
@@ -40,6 +60,7 @@ pub(super) struct GcodeLine {
     action: Option<Action>,
     machine: bool,
     incremental: Option<bool>,
+    inches: Option<bool>,
     /// Values by letter, A first.
     values: [Option<f64>; 26],
 }
@@ -47,7 +68,11 @@ pub(super) struct GcodeLine {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Action {
     Dwell,
+    /// G10.
+    SetG54,
     SetG92,
+    /// G92.1.
+    ClearG92,
 }
 
 /// The meaning of a line.
@@ -74,7 +99,7 @@ impl GcodeLine {
             rest = left;
             match letter {
                 b'G' => block.take_g(value)?,
-                b'X' | b'Y' | b'Z' | b'F' | b'N' | b'P' => {
+                b'X' | b'Y' | b'Z' | b'F' | b'L' | b'N' | b'P' => {
                     if value < 0.0 && NOT_NEGATIVE.contains(&letter) {
                         return Err(GrblError::NegativeValue);
                     }
@@ -100,22 +125,35 @@ impl GcodeLine {
         let mut next = modal.clone();
         next.motion = self.motion.unwrap_or(next.motion);
         next.incremental = self.incremental.unwrap_or(next.incremental);
-        next.feed_mm_min = self.value(b'F').unwrap_or(next.feed_mm_min);
+        next.inches = self.inches.unwrap_or(next.inches);
+        next.feed_mm_min = self.length_mm(b'F', &next).unwrap_or(next.feed_mm_min);
         let moves = self.has_axes();
-        if self.action != Some(Action::Dwell) && self.value(b'P').is_some() {
+        let uses = |letter: u8| match letter {
+            b'P' => matches!(self.action, Some(Action::Dwell | Action::SetG54)),
+            _ => self.action == Some(Action::SetG54),
+        };
+        if [b'P', b'L'].into_iter().any(|letter| !uses(letter) && self.value(letter).is_some()) {
             return Err(GrblError::UnusedWords);
         }
         let order = match self.action {
             Some(Action::Dwell) if moves => return Err(GrblError::UnusedWords),
             Some(Action::Dwell) => BlockOrder::Dwell(self.value(b'P').ok_or(GrblError::MissingValue)?),
-            Some(Action::SetG92) if !moves => return Err(GrblError::NoAxisWords),
-            Some(Action::SetG92) if self.motion.is_some() => return Err(GrblError::TwoUseAxes),
+            Some(Action::SetG54 | Action::SetG92) if !moves => return Err(GrblError::NoAxisWords),
+            Some(Action::SetG54 | Action::SetG92) if self.motion.is_some() => return Err(GrblError::TwoUseAxes),
+            Some(Action::SetG54) => {
+                self.set_g54(&mut next, at_mm)?;
+                BlockOrder::Nothing
+            }
             Some(Action::SetG92) => {
                 for (n, at_mm) in at_mm.into_iter().enumerate() {
-                    if let Some(value) = self.axis(n) {
-                        next.g92_mm[n] = at_mm - value;
+                    if let Some(value_mm) = self.axis_mm(n, &next) {
+                        next.g92_mm[n] = at_mm - next.g54_mm[n] - value_mm;
                     }
                 }
+                BlockOrder::Nothing
+            }
+            Some(Action::ClearG92) => {
+                next.g92_mm = [0.0; 3];
                 BlockOrder::Nothing
             }
             None if !moves => BlockOrder::Nothing,
@@ -137,14 +175,15 @@ impl GcodeLine {
         if self.action.is_some() || self.motion.is_some() {
             return Err(GrblError::BadJog);
         }
-        if self.value(b'P').is_some() {
+        if self.value(b'P').or(self.value(b'L')).is_some() {
             return Err(GrblError::UnusedWords);
         }
         if !self.has_axes() {
             return Err(GrblError::NoAxisWords);
         }
-        let modes = Modal { incremental: self.incremental.unwrap_or(modal.incremental), ..modal.clone() };
-        let feed_mm_min = self.value(b'F').filter(|&feed| feed > 0.0).ok_or(GrblError::NoFeed)?;
+        let incremental = self.incremental.unwrap_or(modal.incremental);
+        let modes = Modal { incremental, inches: self.inches.unwrap_or(modal.inches), ..modal.clone() };
+        let feed_mm_min = self.length_mm(b'F', &modes).filter(|&feed| feed > 0.0).ok_or(GrblError::NoFeed)?;
         Ok(BlockOrder::Go { to_mm: self.target_mm(&modes, at_mm), feed_mm_min: Some(feed_mm_min) })
     }
 
@@ -152,22 +191,44 @@ impl GcodeLine {
         self.values[usize::from(letter - b'A')]
     }
 
-    fn axis(&self, axis: usize) -> Option<f64> {
-        self.value(b"XYZ"[axis])
+    /// A length, mm, or a feed, mm/min, which a line may state in inches.
+    fn length_mm(&self, letter: u8, modal: &Modal) -> Option<f64> {
+        self.value(letter).map(|value| if modal.inches { value * INCH_MM } else { value })
+    }
+
+    fn axis_mm(&self, axis: usize, modal: &Modal) -> Option<f64> {
+        self.length_mm(b"XYZ"[axis], modal)
     }
 
     fn has_axes(&self) -> bool {
-        (0..3).any(|axis| self.axis(axis).is_some())
+        b"XYZ".iter().any(|&letter| self.value(letter).is_some())
+    }
+
+    /// G10: L2 states where the work coordinates are zero, L20 what the present place counts in them. P is 0 for those that are in
+    /// use, or 1 for G54, which are the same here.
+    fn set_g54(&self, next: &mut Modal, at_mm: [f64; 3]) -> Result<(), GrblError> {
+        let here = match (self.value(b'L').ok_or(GrblError::MissingValue)?, self.value(b'P')) {
+            (_, None) => return Err(GrblError::MissingValue),
+            (2.0, Some(0.0 | 1.0)) => false,
+            (20.0, Some(0.0 | 1.0)) => true,
+            _ => return Err(GrblError::Unsupported),
+        };
+        for (n, at_mm) in at_mm.into_iter().enumerate() {
+            if let Some(value_mm) = self.axis_mm(n, next) {
+                next.g54_mm[n] = if here { at_mm - next.g92_mm[n] - value_mm } else { value_mm };
+            }
+        }
+        Ok(())
     }
 
     fn target_mm(&self, modal: &Modal, at_mm: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|n| {
-            let Some(value_mm) = self.axis(n) else { return at_mm[n] };
+            let Some(value_mm) = self.axis_mm(n, modal) else { return at_mm[n] };
             match (self.machine, modal.incremental) {
                 // G53 means absolute, even after G91
                 (true, _) => value_mm,
                 (false, true) => at_mm[n] + value_mm,
-                (false, false) => value_mm + modal.g92_mm[n],
+                (false, false) => value_mm + modal.offset_mm()[n],
             }
         })
     }
@@ -182,11 +243,14 @@ impl GcodeLine {
             0 => self.motion = Some(MotionMode::Rapid),
             10 => self.motion = Some(MotionMode::Feed),
             40 => self.action = Some(Action::Dwell),
+            100 => self.action = Some(Action::SetG54),
             920 => self.action = Some(Action::SetG92),
+            921 => self.action = Some(Action::ClearG92),
             530 => self.machine = true,
             distance @ (900 | 910) => self.incremental = Some(distance == 910),
-            // the only modes here, stated for other controllers
-            210 | 940 => {}
+            unit @ (200 | 210) => self.inches = Some(unit == 200),
+            // the only modes here
+            540 | 940 => {}
             _ => return Err(GrblError::Unsupported),
         }
         Ok(())
@@ -232,12 +296,32 @@ mod tests {
     }
 
     #[test]
+    fn inches_and_work_coordinates_stay_until_they_are_set_again() {
+        let mut modal = Modal::default();
+        assert_eq!(run(&mut modal, "G20G91G1Z-0.1F10"), go([1.0, 2.0, 3.0 - 2.54], Some(254.0)));
+        assert_eq!(run(&mut modal, "G21G90Z3"), go([1.0, 2.0, 3.0], Some(254.0)));
+        assert_eq!(run(&mut modal, "G10L20P1X0Z0"), Ok(BlockOrder::Nothing));
+        assert_eq!((modal.offset_mm(), modal.g54_mm), ([1.0, 0.0, 3.0], [1.0, 0.0, 3.0]));
+        assert_eq!(run(&mut modal, "G92Z10"), Ok(BlockOrder::Nothing));
+        assert_eq!(modal.offset_mm(), [1.0, 0.0, -7.0]);
+        assert_eq!(run(&mut modal, "X0Z11"), go([1.0, 2.0, 4.0], Some(254.0)));
+        assert_eq!(run(&mut modal, "G10L2P0Z0.5"), Ok(BlockOrder::Nothing));
+        assert_eq!(run(&mut modal, "G92.1"), Ok(BlockOrder::Nothing));
+        assert_eq!((modal.offset_mm(), modal.after_reset().g54_mm), ([1.0, 0.0, 0.5], [1.0, 0.0, 0.5]));
+    }
+
+    #[test]
     fn a_jog_counts_from_the_modes_and_leaves_them() {
         let modal = Modal { g92_mm: [0.5, 0.0, 0.0], ..Modal::default() };
         let jog = |line: &str| GcodeLine::parse(line)?.jog(&modal, AT_MM);
         assert_eq!(jog("X10Y-1.5F100"), go([10.5, -1.5, 3.0], Some(100.0)));
         assert_eq!(jog("G91G21X0.5F10"), go([1.5, 2.0, 3.0], Some(10.0)));
         assert_eq!(jog("G53Y5F100"), go([1.0, 5.0, 3.0], Some(100.0)));
+        // whatever another client set, a line that states its modes means the same way
+        let modal = Modal { incremental: true, inches: true, g54_mm: [9.0; 3], ..modal };
+        let jog = |line: &str| GcodeLine::parse(line)?.jog(&modal, AT_MM);
+        assert_eq!(jog("G91G21X0.5F10"), go([1.5, 2.0, 3.0], Some(10.0)));
+        assert_eq!(jog("X0.5F10"), go([1.0 + 12.7, 2.0, 3.0], Some(254.0)));
         for (line, fault) in [
             ("X1", GrblError::NoFeed),
             ("X1F0", GrblError::NoFeed),
@@ -262,7 +346,10 @@ mod tests {
             ("G2X1", GrblError::Unsupported),
             ("G91Q1", GrblError::Unsupported),
             ("G80", GrblError::Unsupported),
-            ("G20", GrblError::Unsupported),
+            ("G10L3P1X1", GrblError::Unsupported),
+            ("G10L20X1", GrblError::MissingValue),
+            ("G10L20P1", GrblError::NoAxisWords),
+            ("G91L20", GrblError::UnusedWords),
             ("G91G4", GrblError::MissingValue),
             ("G91P1", GrblError::UnusedWords),
             ("G91G92", GrblError::NoAxisWords),

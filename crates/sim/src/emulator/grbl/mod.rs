@@ -8,8 +8,8 @@
 //! Opening the port resets the board, as the DTR line of an Uno does: it ignores everything until its bootloader ends, then sends
 //! its welcome, and the position is lost.
 //!
-//! The emulator supports the lines that a client sends: G0, G1, G4, G92, absolute and incremental, jogs. G21 and G94 are accepted
-//! without effect. All other lines are answered with an error. Single bytes other than `?`, a jog's cancel and a reset are
+//! The emulator supports the lines that clients send: G0, G1, G4, G10, G20, G21, G90 to G92.1, G53, and jogs. A jog states G91 and G21
+//! for its own line only, and begins where the planned motions end (jog.c and gcode.c). G54 and G94 are accepted without effect. All other lines are answered with an error. Single bytes other than `?`, a jog's cancel and a reset are
 //! accepted without effect. Corners aren't rounded: axes stop at them.
 //!
 //! A line that homes, dwells, or needs room in the planner is answered when that is done. Later lines wait, but single bytes act.
@@ -231,7 +231,7 @@ impl GrblEmulator {
 
     fn run_gcode(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
         let at_mm = self.machine.end_mm(scene, now_s);
-        let g92_mm = self.modal.g92_mm;
+        let offset_mm = self.modal.offset_mm();
         match GcodeLine::parse(line)?.execute(&mut self.modal, at_mm)? {
             BlockOrder::Go { to_mm, .. } if self.beyond_travel(to_mm) => {
                 self.machine.cancel(scene, now_s);
@@ -249,7 +249,7 @@ impl GrblEmulator {
             }
             BlockOrder::Dwell(_) | BlockOrder::Nothing => {}
         }
-        if self.modal.g92_mm != g92_mm {
+        if self.modal.offset_mm() != offset_mm {
             self.reporter.offset_changed();
         }
         Ok(())
@@ -350,7 +350,7 @@ impl GrblEmulator {
     /// Restores the power-on state, except for the settings, the position and the lock.
     fn restart(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
         self.machine.cut_off(scene, now_s);
-        self.modal = Modal::default();
+        self.modal = self.modal.after_reset();
         self.reporter = Reporter::default();
         self.reader.clear();
         self.forget_lines();
@@ -374,7 +374,7 @@ impl GrblEmulator {
             state: state.into(),
             busy: activity != Activity::Idle,
             places_mm: self.machine.places_mm(scene, now_s),
-            offset_mm: self.modal.g92_mm,
+            offset_mm: self.modal.offset_mm(),
             speed_mm_s: self.machine.speed_mm_s(scene, now_s),
             switches: self.machine.switches(scene, now_s),
         }

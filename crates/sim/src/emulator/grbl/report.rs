@@ -71,15 +71,17 @@ impl Reporter {
 /// Returns the lines of `$#`.
 pub(super) fn parameters(modal: &Modal) -> Vec<String> {
     let zero = places([0.0; 3]);
-    let systems = (54..=59).chain([28, 30]).map(|system| format!("[G{system}:{zero}]"));
+    let g54 = format!("[G54:{}]", places(modal.g54_mm));
+    let systems = (55..=59).chain([28, 30]).map(|system| format!("[G{system}:{zero}]"));
     let rest = [format!("[G92:{}]", places(modal.g92_mm)), "[TLO:0.000]".into(), format!("[PRB:{zero}:0]")];
-    systems.chain(rest).collect()
+    [g54].into_iter().chain(systems).chain(rest).collect()
 }
 
 /// Returns the line of `$G`.
 pub(super) fn modes(modal: &Modal) -> String {
     let (motion, distance) = (u8::from(modal.motion == MotionMode::Feed), 90 + u8::from(modal.incremental));
-    format!("[GC:G{motion} G54 G17 G21 G{distance} G94 M5 M9 T0 F{:.0} S0]", modal.feed_mm_min)
+    let units = 21 - u8::from(modal.inches);
+    format!("[GC:G{motion} G54 G17 G{units} G{distance} G94 M5 M9 T0 F{:.0} S0]", modal.feed_mm_min)
 }
 
 /// Returns the lines of `$I`: option V, a spindle with variable speed, and perhaps Z, an origin set by homing; then the sizes of the

@@ -157,7 +157,7 @@ fn impossible_line_is_refused_with_its_code_without_motion() {
         ("$J", 16),
         ("$J=G1X1F100", 16),
         ("G2X1", 20),
-        ("G20", 20),
+        ("$J=G92X1F100", 16),
         ("$J=X1", 22),
         ("G1X1", 22),
         ("$J=F100", 26),
@@ -201,6 +201,20 @@ fn jogs_move_straight_and_are_done_when_idle() {
     assert_eq!(bench.state(40.59), ("Idle".into(), [3.0, -4.0, 0.0]));
     assert_eq!(bench.say(41.0, b"$J=G53Z-12.75F60\n"), "ok");
     assert!((bench.scene.load_cell_n(45.0) - 0.25 * STIFFNESS_N_MM).abs() < 1e-9);
+}
+
+#[test]
+fn an_incremental_jog_counts_from_the_end_of_the_queue_whatever_another_sender_set() {
+    let mut bench = GrblBench::homed();
+    bench.script(&[
+        (40.0, "G20 G91\nG92Z5\nG10L20P1X1Y1\n", "ok ok ok"),
+        (40.0, "$J=G91 G21 X1 Z-0.5 F300\n$J=G91 G21 X1 Z-0.5 F300\n", "ok ok"),
+        (41.0, "$G\n", "[GC:G0 G54 G17 G20 G91 G94 M5 M9 T0 F0 S0] ok"),
+    ]);
+    assert_eq!(bench.state(50.0), ("Idle".into(), [2.0, 0.0, -1.0]));
+    // beyond the soft limits it is refused as a whole
+    bench.script(&[(50.0, "$J=G91G21X1Z-11.51F300\n", "error:15"), (50.1, "$J=G91G21Z-11.5F300\n", "ok")]);
+    assert_eq!(bench.state(120.0), ("Idle".into(), [2.0, 0.0, -12.5]));
 }
 
 #[test]

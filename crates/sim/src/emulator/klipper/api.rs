@@ -61,7 +61,7 @@ fn query(objects: &Value, printer: &mut KlipperPrinter, now_s: f64) -> Outcome {
 
 /// Fields of an object.
 fn object(name: &str, printer: &mut KlipperPrinter, now_s: f64) -> Value {
-    let (toolhead, gcode) = (&mut printer.toolhead, &printer.gcode);
+    let (toolhead, gcode) = (&mut printer.toolhead, &printer.gcode.now);
     let four = |[x_mm, y_mm, z_mm]: [f64; 3]| json!([x_mm, y_mm, z_mm, 0.0]); // with an extruder
     match name {
         "webhooks" => json!({"state": printer.klippy.name, "state_message": printer.klippy.message}),

@@ -3,6 +3,7 @@
 
 use super::printer::KlipperPrinter;
 use crate::scene::Scene;
+use std::collections::HashMap;
 
 /// Time from one look at a wait for the end of the moves to the next, s (`wait_moves`).
 pub(super) const POLL_S: f64 = 0.1;
@@ -13,8 +14,22 @@ const ALWAYS: [&str; 8] = ["M105", "M21", "M110", "M112", "M115", "RESTART", "FI
 /// Largest number that is read. Klipper has no such limit.
 const MOST: f64 = 1e9;
 
-/// Coordinates of the commands.
+/// Name of a state of the coordinates that a command doesn't name.
+const DEFAULT_STATE: &str = "default";
+/// Number of states that are kept. Klipper has no such limit.
+const STATES_MOST: usize = 64;
+
+/// Coordinates of the commands, and what was saved of them.
+#[derive(Default)]
 pub(super) struct GcodeMove {
+    /// Those in use.
+    pub now: Coordinates,
+    saved: HashMap<String, Coordinates>,
+}
+
+/// Coordinates of the commands.
+#[derive(Clone, Copy)]
+pub(super) struct Coordinates {
     pub absolute: bool,
     /// Position at which the coordinates are 0, mm.
     pub base_mm: [f64; 3],
@@ -28,14 +43,36 @@ pub(super) struct GcodeMove {
     pub factor: f64,
 }
 
-impl Default for GcodeMove {
+impl Default for Coordinates {
     fn default() -> Self {
         let zero = [0.0; 3];
-        GcodeMove { absolute: true, base_mm: zero, last_mm: zero, offset_mm: zero, speed_mm_s: 25.0, factor: 1.0 }
+        Coordinates { absolute: true, base_mm: zero, last_mm: zero, offset_mm: zero, speed_mm_s: 25.0, factor: 1.0 }
     }
 }
 
 impl GcodeMove {
+    /// Saves the coordinates under a name (SAVE_GCODE_STATE).
+    fn save(&mut self, line: &GcodeLine<'_>) -> Result<(), String> {
+        let name = line.value("NAME")?.unwrap_or(DEFAULT_STATE);
+        if self.saved.len() < STATES_MOST || self.saved.contains_key(name) {
+            self.saved.insert(name.to_owned(), self.now);
+        }
+        Ok(())
+    }
+
+    /// Restores what was saved under a name, but for the place (RESTORE_GCODE_STATE). Returns the speed if the tool is to move back
+    /// to that, too, mm/s.
+    fn restore(&mut self, line: &GcodeLine<'_>) -> Result<Option<f64>, String> {
+        let name = line.value("NAME")?.unwrap_or(DEFAULT_STATE);
+        let saved = *self.saved.get(name).ok_or_else(|| format!("Unknown g-code state: {name}"))?;
+        let moves = line.number("MOVE")?.unwrap_or(0.0) != 0.0;
+        let last_mm = if moves { saved.last_mm } else { self.now.last_mm };
+        self.now = Coordinates { last_mm, ..saved };
+        Ok(line.above_zero("MOVE_SPEED")?.or(Some(self.now.speed_mm_s)).filter(|_| moves))
+    }
+}
+
+impl Coordinates {
     /// Applies the words of a move.
     fn go(&mut self, line: &GcodeLine<'_>) -> Result<(), String> {
         let unread = |_| format!("Unable to parse move '{}'", line.text);
@@ -85,7 +122,7 @@ impl KlipperPrinter {
         if self.klippy.name != "ready" && !ALWAYS.contains(&command) {
             return Err(self.klippy.message.clone());
         }
-        let (toolhead, gcode) = (&mut self.toolhead, &mut self.gcode);
+        let (toolhead, gcode) = (&mut self.toolhead, &mut self.gcode.now);
         match command {
             "G0" | "G1" => {
                 // it waits until not too much is planned before it
@@ -127,6 +164,12 @@ impl KlipperPrinter {
             "SET_GCODE_OFFSET" => {
                 if let Some(speed_mm_s) = gcode.shift(&line)? {
                     toolhead.go(gcode.last_mm, speed_mm_s, scene, now_s)?;
+                }
+            }
+            "SAVE_GCODE_STATE" => self.gcode.save(&line)?,
+            "RESTORE_GCODE_STATE" => {
+                if let Some(speed_mm_s) = self.gcode.restore(&line)? {
+                    toolhead.go(self.gcode.now.last_mm, speed_mm_s, scene, now_s)?;
                 }
             }
             "SET_IDLE_TIMEOUT" => line.set("TIMEOUT", &mut toolhead.board.idle_timeout_s)?,
@@ -175,10 +218,15 @@ impl<'a> GcodeLine<'a> {
         GcodeLine { command, text, params: words.map(|word| word.split_once('=').map(pair)).collect() }
     }
 
-    /// A number, if the parameter is there. Of two, the last counts.
-    pub(super) fn number(&self, name: &str) -> Result<Option<f64>, String> {
+    /// Text of a parameter, if it is there. Of two, the last counts.
+    fn value(&self, name: &str) -> Result<Option<&str>, String> {
         let params = self.params.as_ref().ok_or_else(|| format!("Malformed command '{}'", self.text))?;
-        let Some((_, value)) = params.iter().rev().find(|(other, _)| other == name) else { return Ok(None) };
+        Ok(params.iter().rev().find(|(other, _)| other == name).map(|(_, value)| value.as_str()))
+    }
+
+    /// A number, if the parameter is there.
+    pub(super) fn number(&self, name: &str) -> Result<Option<f64>, String> {
+        let Some(value) = self.value(name)? else { return Ok(None) };
         let number = value.parse().ok().filter(|number: &f64| number.abs() <= MOST);
         number.map(Some).ok_or_else(|| format!("Error on '{}': unable to parse {value}", self.text))
     }

@@ -6,6 +6,9 @@
 //! axes, and it looks every 0.1 s. Klipper runs one script at a time: others wait, also on other connections. Queries
 //! don't wait. A connection answers one request after another.
 //!
+//! A script may save the coordinates and restore them, so that its relative moves leave no trace. A script that is refused ends at that
+//! line, and what it set until then stays.
+//!
 //! Each move begins and ends with a rest. G28 finds no endstop, and moves nothing. There is no extruder, no heater, no file and no
 //! subscription. Axes whose motors are off stay where they are.
 

@@ -166,7 +166,7 @@ impl KlipperPrinter {
                 }
                 Ok(_) => {}
                 Err(message) => {
-                    self.gcode.last_mm = self.toolhead.commanded_mm;
+                    self.gcode.now.last_mm = self.toolhead.commanded_mm;
                     break Err((400, message));
                 }
             }

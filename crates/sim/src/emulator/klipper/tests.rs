@@ -171,6 +171,41 @@ async fn moves_are_refused_as_klipper_does_it() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_script_moves_by_a_distance_and_restores_what_another_client_set() {
+    let mut bench = KlipperBench::new(&[]);
+    let by = "SAVE_GCODE_STATE NAME=palpate\nM83\nG91\nG1 Z-0.5 F300\nG90\nM400\nRESTORE_GCODE_STATE NAME=palpate";
+    bench.say(PLACED).await;
+    for other in [
+        "G90",
+        "G91",
+        "G92 X0 Y0 Z0",
+        "SET_GCODE_OFFSET Z=3",
+        "SET_KINEMATIC_POSITION Z=20",
+        "SET_GCODE_OFFSET Z_ADJUST=-0.25 MOVE=1",
+    ] {
+        bench.say(&format!("{other}\nM400")).await;
+        let from_mm = bench.true_mm(Axis::Z, bench.now_s());
+        let absolute = bench.field("gcode_move", "absolute_coordinates").await;
+        bench.say(by).await;
+        assert_eq!(bench.true_mm(Axis::Z, bench.now_s()), from_mm - 0.5, "{other}");
+        assert_eq!(bench.field("gcode_move", "absolute_coordinates").await, absolute, "{other}");
+    }
+    assert_eq!(bench.true_mm(Axis::Z, bench.now_s()), POWER_ON.z_mm - 6.0 * 0.5 - 0.25);
+    // a script that is refused ends there: what it set stays
+    assert_eq!(bench.refused("RESTORE_GCODE_STATE NAME=other").await, "Unknown g-code state: other");
+    bench.say("G90").await;
+    assert!(
+        bench.refused("SAVE_GCODE_STATE\nG91\nG1 Z-99\nRESTORE_GCODE_STATE").await.starts_with("Move out of range")
+    );
+    assert_eq!(bench.field("gcode_move", "absolute_coordinates").await, false);
+    // the place is left, unless it is asked for
+    bench.say("G90\nSAVE_GCODE_STATE\nG91\nG1 Z1 F300\nRESTORE_GCODE_STATE\nM400").await;
+    assert_eq!(bench.true_mm(Axis::Z, bench.now_s()), POWER_ON.z_mm - 2.25);
+    bench.say("RESTORE_GCODE_STATE MOVE=1 MOVE_SPEED=5\nM400").await;
+    assert_eq!(bench.true_mm(Axis::Z, bench.now_s()), POWER_ON.z_mm - 3.25);
+}
+
+#[tokio::test(start_paused = true)]
 async fn motors_are_switched_off_after_ten_minutes_and_the_axes_stay() {
     let mut bench = KlipperBench::new(&[(800.0, IdleTimeout)]);
     bench.say(&format!("{PLACED}\nG1 X1 F600\nM400")).await;

@@ -30,6 +30,11 @@ pub struct MarlinBoard {
     pub homing_mm_s: [f64; 3],
     /// Rise of the bed along x and y, in mm per mm, that the motions follow after `M420 S1`. `None`: a build without bed levelling.
     pub bed_rise: Option<[f64; 2]>,
+    /// Whether G20 is known (INCH_MODE_SUPPORT). Stock builds don't know it.
+    pub inches: bool,
+    /// Whether G92 shifts the logical coordinates only, as in stock builds. A build with NO_WORKSPACE_OFFSETS counts the steps anew, and
+    /// its software endstops move along (G92.cpp).
+    pub workspace_offsets: bool,
     /// Number of steps that a motion has at least (MIN_STEPS_PER_SEGMENT). Fewer steps are added to the next motion.
     pub least_steps: i64,
     /// Time without motion after which the motors are switched off, s; 0 for never.
@@ -55,6 +60,8 @@ impl Default for MarlinBoard {
             homes_to_plus: [false; 3],
             homing_mm_s: [50.0, 50.0, 4.0],
             bed_rise: None,
+            inches: false,
+            workspace_offsets: true,
             least_steps: 6,
             idle_s: 120.0,
             slip_mm: [0.0; 3],

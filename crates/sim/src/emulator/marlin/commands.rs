@@ -42,6 +42,8 @@ impl MarlinEmulator {
             (('G', 4 | 28) | ('M', 400), None) => Some(Stall::Still),
             (('M', 18 | 84), None) if command.value('S').is_none() => Some(Stall::Still),
             (('M', 420), None) if levels => Some(Stall::Still),
+            // Marlin queues the new count behind the motions; here it waits for them
+            (('G', 92), None) if !self.planner.board.workspace_offsets => Some(Stall::Still),
             (('G', 4), Some(Stall::Still)) => {
                 let ms = command.value('P').map(|ms| ms / 1000.0);
                 command.value('S').or(ms).map(|dwell_s| Stall::Until(now_s + dwell_s))
@@ -74,9 +76,10 @@ impl MarlinEmulator {
                 }
                 reply.line(report::position(planner, scene, now_s));
             }
+            ('G', unit @ (20 | 21)) if planner.board.inches => planner.count_in_inches(unit == 20),
             ('G', distance @ (90 | 91)) => planner.relative = distance == 91,
             ('G', 92) => {
-                planner.set_logical(command.axes());
+                planner.set_logical(command, scene);
                 reply.line(report::position(planner, scene, now_s));
             }
             ('M', 17) => planner.motors_on(command.named_axes()),

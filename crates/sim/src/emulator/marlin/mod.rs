@@ -11,6 +11,9 @@
 //!
 //! Motors that are switched off keep their places, unless the board has a `slip_mm`. Nobody pushes the axes.
 //!
+//! A motion begins where the last one ends, in the modes of the last G90 or G91 and G20 or G21, which all that talk to the board share.
+//! G92 shifts the logical coordinates, and leaves the steps, unless the build has no workspace offsets (G92.cpp).
+//!
 //! The queue has 15 blocks (a ring of 16). Lines along one straight line at one rate are joined to one of them. Corners are stops.
 //! The extruder is accepted and ignored, as are heaters, fan and jerk. Other commands of Marlin that no client here needs are
 //! answered as unknown, also M92 with values.

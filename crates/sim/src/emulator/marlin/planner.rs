@@ -13,6 +13,9 @@ const HOMING_TURNS: [&[Axis]; 3] = [&[Axis::X], &[Axis::Y], &[Axis::Z]];
 /// Largest number of steps: a count has 32 bits.
 const STEPS_MOST: f64 = i32::MAX as f64;
 
+/// Length of an inch, mm.
+const INCH_MM: f64 = 25.4;
+
 /// Speed of motions until a command states one, mm/s.
 const FIRST_FEED_MM_S: f64 = 25.0;
 
@@ -32,6 +35,8 @@ pub(super) struct MarlinPlanner {
     homed: [bool; 3],
     /// G91.
     pub relative: bool,
+    /// Length of a unit of G0, G1 and G92, mm: G20 or G21. Everything else stays in mm here, as M114 does in Marlin.
+    unit_mm: f64,
     feed_mm_s: f64,
     /// M220.
     pub feed_percent: f64,
@@ -58,6 +63,7 @@ impl MarlinPlanner {
             shift_mm: [0.0; 3],
             homed: [false; 3],
             relative: false,
+            unit_mm: 1.0,
             feed_mm_s: FIRST_FEED_MM_S,
             feed_percent: 100.0,
             limits_softly: true,
@@ -116,9 +122,9 @@ impl MarlinPlanner {
     /// so the next motion makes them, too.
     pub(super) fn go(&mut self, command: &MarlinCommand<'_>, scene: &mut Scene, now_s: f64) {
         if let Some(feed_mm_min) = command.value('F').filter(|&feed| feed > 0.0) {
-            self.feed_mm_s = feed_mm_min / 60.0;
+            self.feed_mm_s = self.unit_mm * feed_mm_min / 60.0;
         }
-        for (n, value_mm) in command.axes().into_iter().enumerate() {
+        for (n, value_mm) in self.lengths_mm(command).into_iter().enumerate() {
             let Some(value_mm) = value_mm else { continue };
             self.at_mm[n] = if self.relative { self.at_mm[n] + value_mm } else { value_mm - self.shift_mm[n] };
         }
@@ -147,12 +153,31 @@ impl MarlinPlanner {
         self.moves_until(self.machine.end_s());
     }
 
-    /// G92: gives the place other logical coordinates. The steps stay.
-    pub(super) fn set_logical(&mut self, values_mm: [Option<f64>; 3]) {
-        for (n, value_mm) in values_mm.into_iter().enumerate() {
-            if let Some(value_mm) = value_mm {
-                self.shift_mm[n] = value_mm - self.at_mm[n];
+    /// G20 and G21.
+    pub(super) fn count_in_inches(&mut self, inches: bool) {
+        self.unit_mm = if inches { INCH_MM } else { 1.0 };
+    }
+
+    /// Whether lengths are in inches.
+    pub(super) fn counts_in_inches(&self) -> bool {
+        self.unit_mm != 1.0
+    }
+
+    fn lengths_mm(&self, command: &MarlinCommand<'_>) -> [Option<f64>; 3] {
+        command.axes().map(|value| value.map(|value| self.unit_mm * value))
+    }
+
+    /// G92: gives the place other logical coordinates. The steps stay, unless the build has no workspace offsets. The axes rest then.
+    pub(super) fn set_logical(&mut self, command: &MarlinCommand<'_>, scene: &Scene) {
+        for (n, value_mm) in self.lengths_mm(command).into_iter().enumerate() {
+            match value_mm {
+                None => {}
+                Some(value_mm) if self.board.workspace_offsets => self.shift_mm[n] = value_mm - self.at_mm[n],
+                Some(value_mm) => self.at_mm[n] = value_mm - self.shift_mm[n],
             }
+        }
+        if !self.board.workspace_offsets {
+            self.synchronize_steps(scene);
         }
     }
 

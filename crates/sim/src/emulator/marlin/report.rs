@@ -76,7 +76,8 @@ pub(super) fn settings(planner: &MarlinPlanner) -> Vec<String> {
         (420, "Auto Bed Leveling"),
     ];
     let has = |number: u32| number != 420 || planner.board.bed_rise.is_some();
-    let mut lines: Vec<String> = vec!["echo:; Linear Units:".into(), "echo:  G21 ; (mm)".into()];
+    let units = if planner.counts_in_inches() { "echo:  G20 ; (in)" } else { "echo:  G21 ; (mm)" };
+    let mut lines: Vec<String> = vec!["echo:; Linear Units:".into(), units.into()];
     for (number, head) in heads.into_iter().filter(|(number, _)| has(*number)) {
         lines.push(format!("echo:; {head}:"));
         lines.extend(setting(planner, number).map(|setting| format!("echo:{setting}")));

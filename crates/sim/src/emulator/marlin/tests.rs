@@ -343,6 +343,51 @@ fn g92_changes_the_coordinates_and_no_step() {
 }
 
 #[test]
+fn a_motion_from_a_new_zero_is_the_same_in_every_mode() {
+    for (inches, before) in
+        [(false, "G90\n"), (false, "G91\n"), (false, "G92 Z-30\n"), (true, "G20\n"), (true, "G20\nG91\nG92 Z2\n")]
+    {
+        let mut bench = MarlinBench::homed(MarlinBoard { inches, ..board() });
+        bench.say(40.0, before);
+        bench.say(41.0, "G21\nG92 X0 Y0 Z0\nG1 Z-0.5 F300\nM400\n");
+        assert_eq!(bench.true_mm(Axis::Z, 45.0), -0.5, "{before}");
+        let counts = bench.say(45.0, "M114\n");
+        assert_eq!(counts, "X:0.00 Y:0.00 Z:-0.50 E:0.00 Count X:1000 Y:1000 Z:4800|ok", "{before}");
+    }
+}
+
+#[test]
+fn inches_scale_ways_and_feeds_of_a_build_that_knows_them_and_reports_stay_in_mm() {
+    let mut bench = MarlinBench::homed(MarlinBoard { inches: true, ..board() });
+    bench.script(&[
+        (
+            40.0,
+            "G20\nG91\nG1 X-0.1 F10\nG92 Y1\n",
+            "ok|ok|ok|X:9.96 Y:25.40 Z:12.50 E:0.00 Count X:1000 Y:1000 Z:5000|ok",
+        ),
+        (40.0, "M400\n", "ok"),
+    ]);
+    // 203 steps at 4.233 mm/s
+    assert!((bench.done_s - 40.6008).abs() < 1e-3, "{}", bench.done_s);
+    assert_eq!(bench.true_mm(Axis::X, 42.0), -203.0 / 80.0);
+    assert!(bench.say(42.0, "M503\n").contains("|echo:  G20 ; (in)|"));
+    MarlinBench::homed(board()).script(&[(40.0, "G20\n", "echo:Unknown command: \"G20\"|ok")]);
+}
+
+#[test]
+fn a_build_without_workspace_offsets_counts_its_steps_anew() {
+    let mut bench = MarlinBench::homed(MarlinBoard { workspace_offsets: false, ..board() });
+    bench.script(&[
+        (40.0, "G92 Z0\n", "X:12.50 Y:12.50 Z:0.00 E:0.00 Count X:1000 Y:1000 Z:0|ok"),
+        // its end of z is at 0
+        (41.0, "G1 Z-1\n", "ok"),
+        (45.0, "M114\n", "X:12.50 Y:12.50 Z:0.00 E:0.00 Count X:1000 Y:1000 Z:0|ok"),
+        (46.0, "G1 Z1\n", "ok"),
+    ]);
+    assert_eq!(bench.true_mm(Axis::Z, 50.0), 1.0);
+}
+
+#[test]
 fn z_follows_the_bed_while_levelling_is_on() {
     let mut bench = MarlinBench::homed(MarlinBoard { bed_rise: Some([0.01, 0.0]), ..board() });
     assert!(bench.say(38.0, "M115\n").contains("|Cap:AUTOLEVEL:1|"));

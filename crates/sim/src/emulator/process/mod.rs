@@ -11,6 +11,7 @@ pub use stage::{Printer, ProcessStageEmulator};
 
 use super::Instrument;
 use crate::scene::{Scene, SceneDevice};
+use palpate_core::quantity::Axis;
 use serde_json::{Map, Value, json};
 
 /// Number of the protocol version, as in the documentation page.
@@ -96,6 +97,21 @@ impl Request {
 
     fn word(&self, key: &str) -> Option<&str> {
         self.0.get(key).and_then(Value::as_str)
+    }
+
+    /// Numbers of some axes, by their names. `None` without the key.
+    fn axes(&self, key: &str) -> Result<Option<[Option<f64>; 3]>, String> {
+        if self.0.get(key).is_none() {
+            return Ok(None);
+        }
+        let mut numbers = [None; 3];
+        for (name, number) in self.object(key)? {
+            let axis = Axis::ALL.into_iter().find(|axis| axis.name() == name);
+            let axis = axis.ok_or_else(|| format!("there is no axis {name:?}"))?;
+            let number = number.as_f64().ok_or_else(|| format!("the {key} of {name} is not a number"))?;
+            numbers[axis.index()] = Some(number);
+        }
+        if numbers == [None; 3] { Err(format!("{key} names no axis")) } else { Ok(Some(numbers)) }
     }
 
     fn object(&self, key: &str) -> Result<&Map<String, Value>, String> {

@@ -18,6 +18,8 @@ const MOST_MM_S2: f64 = 100.0;
 const FIRST_MM_S2: f64 = 50.0;
 /// Resolution of the read-back, steps per mm.
 const COUNTS_PER_MM: f64 = 1e4;
+/// Distance from a place at which an axis counts as being there, mm; with coarse steps, half a step more.
+const IN_POSITION_MM: f64 = 0.003;
 /// Longest search for home, s.
 const SEARCH_MOST_S: f64 = 110.0;
 
@@ -218,22 +220,17 @@ impl ProcessStageEmulator {
     fn start_move(&mut self, request: &Request, scene: &mut Scene, now_s: f64) -> ProcessReply {
         let limits_mm = self.limits_mm.ok_or("the stage isn't prepared")?;
         let speed_mm_s = within(request.number("speed_mm_s")?, MOST_MM_S, "mm/s")?;
-        let to_mm = request.object("to_mm")?;
-        let mut targets_mm = [None; 3];
-        for (name, target) in to_mm {
-            let axis = Axis::ALL
-                .into_iter()
-                .find(|axis| axis.name() == name)
-                .ok_or_else(|| format!("there is no axis {name:?}"))?;
-            let target_mm = target.as_f64().ok_or_else(|| format!("the target of {name} is not a number"))?;
-            if !limits_mm[axis.index()].contains(target_mm) {
-                return Err(format!("{name} = {target_mm} mm exceeds the travel"));
+        let mut targets_mm = match request.axes("to_mm")? {
+            Some(to_mm) => to_mm,
+            None => self.ends_of_ways(request, scene, now_s)?,
+        };
+        for (axis, target_mm) in Axis::ALL.into_iter().zip(&mut targets_mm) {
+            let Some(target_mm) = target_mm else { continue };
+            if !limits_mm[axis.index()].contains(*target_mm) {
+                return Err(format!("{} = {target_mm} mm exceeds the travel", axis.name()));
             }
             let Range { min, max } = self.ends_mm[axis.index()];
-            targets_mm[axis.index()] = Some(self.nearest_mm(axis, scene.target_mm(target_mm)).clamp(min, max));
-        }
-        if targets_mm == [None; 3] {
-            return Err("to_mm names no axis".into());
+            *target_mm = self.nearest_mm(axis, scene.target_mm(*target_mm)).clamp(min, max);
         }
         for (axis, target_mm) in Axis::ALL.into_iter().zip(targets_mm) {
             if let Some(target_mm) = target_mm {
@@ -241,6 +238,27 @@ impl ProcessStageEmulator {
             }
         }
         Ok(Map::new())
+    }
+
+    /// Targets of a move by a distance: from where each axis rests, if it reads where the request assumes it.
+    fn ends_of_ways(&self, request: &Request, scene: &mut Scene, now_s: f64) -> Result<[Option<f64>; 3], String> {
+        let by_mm = request.axes("by_mm")?.ok_or("to_mm is not an object, and neither is by_mm")?;
+        let from_mm = request.axes("from_mm")?.unwrap_or_default();
+        let mut targets_mm = [None; 3];
+        for axis in Axis::ALL {
+            let Some(by_mm) = by_mm[axis.index()] else { continue };
+            let name = axis.name();
+            if scene.motion(axis).moving(now_s) {
+                return Err(format!("{name} moves"));
+            }
+            let (count_mm, slack_mm) =
+                (self.count_mm(axis, scene, now_s), self.steps.along(axis) / 2.0 + IN_POSITION_MM);
+            if let Some(from_mm) = from_mm[axis.index()].filter(|from_mm| (count_mm - from_mm).abs() > slack_mm) {
+                return Err(format!("{name} is at {count_mm} mm, not at {from_mm} mm"));
+            }
+            targets_mm[axis.index()] = Some(scene.motion(axis).end_mm() - self.offset_mm[axis.index()] + by_mm);
+        }
+        Ok(targets_mm)
     }
 
     fn go(&self, axis: Axis, target_mm: f64, speed_mm_s: f64, scene: &mut Scene, now_s: f64) {
@@ -291,16 +309,19 @@ impl ProcessStageEmulator {
         if step_mm > 0.0 { (mm / step_mm).round() * step_mm } else { mm }
     }
 
+    /// Position of an axis as `status` reports it, mm: measured, or counted in steps.
+    fn count_mm(&self, axis: Axis, scene: &mut Scene, now_s: f64) -> f64 {
+        let offset_mm = self.offset_mm[axis.index()];
+        let count_mm = match self.steps.along(axis) {
+            0.0 => scene.axis(axis, now_s).0 - offset_mm,
+            _ => self.nearest_mm(axis, scene.motion(axis).position_mm(now_s) - offset_mm),
+        };
+        (count_mm * COUNTS_PER_MM).round() / COUNTS_PER_MM + 0.0
+    }
+
     fn status(&self, scene: &mut Scene, now_s: f64) -> Map<String, Value> {
         let moving = Axis::ALL.into_iter().any(|axis| scene.motion(axis).moving(now_s));
-        let place_mm = |axis: Axis| {
-            let offset_mm = self.offset_mm[axis.index()];
-            let count_mm = match self.steps.along(axis) {
-                0.0 => scene.axis(axis, now_s).0 - offset_mm,
-                _ => self.nearest_mm(axis, scene.motion(axis).position_mm(now_s) - offset_mm),
-            };
-            (axis.name().to_owned(), json!((count_mm * COUNTS_PER_MM).round() / COUNTS_PER_MM + 0.0))
-        };
+        let place_mm = |axis: Axis| (axis.name().to_owned(), json!(self.count_mm(axis, scene, now_s)));
         let position_mm: Map<String, Value> = Axis::ALL.into_iter().map(place_mm).collect();
         let mut status = object(json!({ "moving": moving, "position_mm": position_mm }));
         if self.reports_home {

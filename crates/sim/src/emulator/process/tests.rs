@@ -65,6 +65,48 @@ fn stage_homes_and_moves_as_documented() {
     }
 }
 
+#[test]
+fn a_move_by_a_distance_begins_where_the_axis_rests_and_only_where_it_is_expected() {
+    let (mut stage, mut scene) = prepared();
+    for (now_s, asked, answered) in [
+        (
+            10.0,
+            r#"{"id": 3, "do": "move", "from_mm": {"x": 0.0, "z": 12.5}, "by_mm": {"x": 1.5, "z": -2}, "speed_mm_s": 10}"#,
+            r#"{"id":3}"#,
+        ),
+        (10.1, r#"{"id": 4, "do": "move", "by_mm": {"z": 1}, "speed_mm_s": 10}"#, r#"{"error":"z moves","id":4}"#),
+        (12.0, r#"{"id": 5, "do": "status"}"#, r#"{"id":5,"moving":false,"position_mm":{"x":1.5,"y":0.0,"z":10.5}}"#),
+        (12.0, r#"{"id": 6, "do": "move", "by_mm": {"z": 0.25}, "speed_mm_s": 10}"#, r#"{"id":6}"#),
+        (
+            14.0,
+            r#"{"id": 7, "do": "move", "from_mm": {"z": 10.5}, "by_mm": {"z": -1}, "speed_mm_s": 10}"#,
+            r#"{"error":"z is at 10.75 mm, not at 10.5 mm","id":7}"#,
+        ),
+        (
+            14.0,
+            r#"{"id": 8, "do": "move", "from_mm": {"z": 10.752}, "by_mm": {"z": 2}, "speed_mm_s": 10}"#,
+            r#"{"error":"z = 12.75 mm exceeds the travel","id":8}"#,
+        ),
+        (
+            14.0,
+            r#"{"id": 9, "do": "move", "from_mm": {"z": 10.75}, "by_mm": {}, "speed_mm_s": 10}"#,
+            r#"{"error":"by_mm names no axis","id":9}"#,
+        ),
+    ] {
+        assert_eq!(ask(&mut stage, &mut scene, now_s, asked), answered, "{asked} at {now_s} s");
+    }
+    assert_eq!(scene.axis(Axis::Z, 20.0).0, 10.75);
+}
+
+#[test]
+fn a_printer_moves_by_whole_steps_from_the_step_it_rests_on() {
+    let (mut stage, mut scene) = printer(true);
+    assert_eq!(ask(&mut stage, &mut scene, 0.0, PREPARE), r#"{"id":2}"#);
+    let by = r#"{"id": 3, "do": "move", "from_mm": {"z": 8.0}, "by_mm": {"z": -0.0637}, "speed_mm_s": 10}"#;
+    assert_eq!(ask(&mut stage, &mut scene, 10.0, by), r#"{"id":3}"#);
+    assert!((scene.axis(Axis::Z, 12.0).0 - (POWER_ON.z_mm - 0.0625)).abs() < 1e-9);
+}
+
 fn printer(homed: bool) -> (ProcessStageEmulator, Scene) {
     let scene = scene();
     let steps = Steps { mm: [0.0125, 0.0125, 0.0025] };
@@ -116,7 +158,7 @@ fn impossible_request_is_an_error_without_motion() {
         (r#"{"id": 3, "do": "move", "to_mm": {"x": 1}, "speed_mm_s": 0}"#, "0 mm/s"),
         (r#"{"id": 3, "do": "move", "to_mm": {"x": 1}, "speed_mm_s": 26}"#, "26 mm/s"),
         (r#"{"id": 3, "do": "move", "to_mm": {"x": "1"}, "speed_mm_s": 1}"#, "not a number"),
-        (r#"{"id": 3, "do": "move", "speed_mm_s": 1}"#, "to_mm is not an object"),
+        (r#"{"id": 3, "do": "move", "speed_mm_s": 1}"#, "to_mm is not an object, and neither is by_mm"),
         (r#"{"id": 3, "do": "dance"}"#, "dance"),
         (r#"{"id": 3}"#, "do is missing"),
         (r#"{"do": "status"}"#, "no id"),

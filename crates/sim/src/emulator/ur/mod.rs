@@ -5,7 +5,11 @@
 //! Port 30004 is RTDE, 30002 the secondary interface, which takes programs, and 29999 the dashboard. Each served link
 //! has its own state. The controller belongs to all of them: its programs run while any link is open.
 //!
-//! The TCP is the flange and the scene's indenter. Motions are straight, with a trapezoid of speed, and the speed
+//! The flange is the scene's indenter, and the TCP is there until a program sets another one; then poses are those of that point, and
+//! the arm stays where it is. Programs compute with poses as the "URScript manual" has it: `pose_add` of a pose without a rotation
+//! shifts along the axes of the base. A text message goes to the pendant only, so a program that refuses has to write a register, too.
+//!
+//! Motions are straight, with a trapezoid of speed, and the speed
 //! slider scales their time. A slider that is moved during a motion changes its speed with the acceleration of the
 //! motion. A motion that only turns the tool takes its speed as rad/s. A blend radius is accepted, and the arm stops
 //! anyway. The joints aren't modelled, so a pose is reachable if it is near enough to the base. Nothing switches the
@@ -18,6 +22,7 @@
 mod arm;
 mod dashboard;
 mod motion;
+mod pose;
 mod programs;
 mod robot;
 mod rtde;

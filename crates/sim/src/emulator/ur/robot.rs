@@ -2,10 +2,12 @@
 
 use super::arm::{UrArm, UrFault, UrFaultKind};
 use super::motion::Path;
-use super::script::Step;
+use super::pose::{self, Pose};
+use super::script::{Statement, Value};
 use super::turn::Turn;
 use crate::scene::Scene;
 use palpate_core::quantity::Axis;
+use std::collections::HashMap;
 
 /// Deceleration in a stop for safety, mm/s^2.
 const SAFETY_STOP_MM_S2: f64 = 10_000.0;
@@ -44,6 +46,13 @@ pub(super) struct Robot {
     pub runtime: Runtime,
     /// Integer registers that programs write and RTDE reads.
     pub registers: [i32; 48],
+    /// Float registers, likewise.
+    pub float_registers: [f64; 48],
+    /// The TCP in the frame of the flange, which is the tip of the tool. Any client may set it.
+    pub tcp: Pose,
+    pub payload_kg: f64,
+    /// What programs told people, as far as it is kept.
+    pub messages: Vec<String>,
     pub is_remote: bool,
     /// Position of the speed slider, 0 to 1.
     pub slider: f64,
@@ -53,11 +62,12 @@ pub(super) struct Robot {
     pub path: Path,
     /// Deviations of motions: largest distance from the line, mm, and largest angle, rad.
     pub deviation: (f64, f64),
-    /// Steps of the program that are left, the next one last, and the time at which it continues, s.
-    pub steps: Vec<Step>,
+    /// Statements of the program that are left, the next one last, and the time at which it continues, s.
+    pub statements: Vec<Statement>,
+    pub variables: HashMap<String, Value>,
     pub wake_s: f64,
-    /// Steps of the next program, and the time at which it begins, s.
-    pub next: Vec<Step>,
+    /// Statements of the next program, and the time at which it begins, s.
+    pub next: Vec<Statement>,
     pub begin_s: f64,
 }
 
@@ -71,13 +81,18 @@ impl Robot {
             safety: Safety::Normal,
             runtime: Runtime::Stopped,
             registers: [0; 48],
+            float_registers: [0.0; 48],
+            tcp: [0.0; 6],
+            payload_kg: 0.0,
+            messages: Vec::new(),
             is_remote: true,
             slider: 1.0,
             rtde_lost_until_s: 0.0,
             rtde_silent: false,
             path: Path::between(rest, rest, [0.0; 2], 0.0),
             deviation: (0.0, 0.0),
-            steps: Vec::new(),
+            statements: Vec::new(),
+            variables: HashMap::new(),
             wake_s: f64::INFINITY,
             next: Vec::new(),
             begin_s: f64::INFINITY,
@@ -139,6 +154,22 @@ impl Robot {
             self.path.drive(self.slider, scene, now_s);
             self.wake_s = self.path.end_s(scene);
         }
+    }
+
+    /// Pose of the TCP, as the encoders have it.
+    pub(super) fn actual_pose(&self, scene: &mut Scene, now_s: f64) -> Pose {
+        let place_mm = Axis::ALL.map(|axis| scene.axis(axis, now_s).0);
+        self.tcp_pose(place_mm, self.path.turn(now_s))
+    }
+
+    /// Pose of the TCP as planned.
+    pub(super) fn target_pose(&self, now_s: f64) -> Pose {
+        let (place_mm, turn) = self.path.planned(now_s);
+        self.tcp_pose(place_mm, turn)
+    }
+
+    fn tcp_pose(&self, stage_mm: [f64; 3], turn: Turn) -> Pose {
+        pose::within(pose::pose(self.arm.tip_mm(stage_mm).map(|mm| mm / 1000.0), turn), self.tcp)
     }
 
     /// Unlocks a protective stop. Returns whether this can be done yet.

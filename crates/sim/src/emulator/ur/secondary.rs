@@ -35,9 +35,9 @@ impl Link for Secondary {
     }
 
     /// Takes a program. A robot in local control ignores it, and any robot one that it can't read.
-    fn answer(&mut self, request: &[u8], robot: &mut Robot, _: &mut Scene, now_s: f64) -> Vec<u8> {
-        if let Some(steps) = read_program(request).filter(|_| robot.is_remote) {
-            (robot.next, robot.begin_s) = (steps, now_s + COMPILE_S);
+    fn answer(&mut self, request: &[u8], robot: &mut Robot, scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        if let Some(program) = read_program(request).filter(|_| robot.is_remote) {
+            robot.take(program, now_s + COMPILE_S, scene, now_s);
         }
         Vec::new()
     }

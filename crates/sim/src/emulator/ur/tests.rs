@@ -159,6 +159,92 @@ fn what_cannot_run_moves_nothing() {
     bench.goes(6.0, &ask, &[(7.0, 1, 7, 8.0)]);
 }
 
+/// A program that goes by a distance from where the arm is, mm, if that is near where it is expected, mm.
+fn by_z(way_mm: f64, expected_mm: f64) -> String {
+    let expected = format!("p[0.299, -0.198, {}, 3.141592653589793, 0, 0]", 0.1 + expected_mm / 1000.0);
+    format!(
+        "def palpate():
+  start = get_actual_tcp_pose()
+  sum = 0
+  n = 0
+  while n < 25:
+    sum = sum + get_actual_tcp_pose()[2]
+    n = n + 1
+    sync()
+  end
+  write_output_float_register(4, sum / n - start[2])
+  off = pose_sub(get_target_tcp_pose(), {expected})
+  if norm(off) > 0.00002:
+    textmsg(\"um off: \", floor(norm(off) * 1000000 + 0.5))
+    write_output_integer_register(3, 7)
+  elif not is_within_safety_limits(start):
+    write_output_integer_register(3, 8)
+  else:
+    movel(pose_add(start, p[0, 0, {}, 0, 0, 0]), a=0.1, v=0.01)
+    write_output_integer_register(3, 2)
+  end
+end
+",
+        way_mm / 1000.0
+    )
+}
+
+#[test]
+fn a_program_goes_by_a_distance_and_only_from_where_it_is_expected() {
+    let mut bench = UrBench::new(&[], scene());
+    // 0.1 s to the first statement, 0.05 s to look, 0.3 s for 2 mm; the arm has stage steps of 1 um
+    bench.goes(
+        1.0,
+        &by_z(-2.0, 8.0),
+        &[(1.14, 2, 0, 8.0), (1.448, 2, 0, 6.0002), (1.456, 0, 2, 6.0), (2.0, 1, 2, 6.0)],
+    );
+    bench.goes(3.0, &by_z(-1.0, 5.9), &[(4.0, 1, 7, 6.0)]);
+    assert_eq!(lock(&bench.robot.robot).messages, ["um off: 100"]);
+    bench.goes(5.0, &by_z(-1.0, 6.015), &[(7.0, 1, 2, 5.0)]);
+}
+
+#[test]
+fn another_tcp_moves_every_pose_and_no_way() {
+    let mut bench = UrBench::new(&[], scene());
+    // a secondary program changes it at once, and ends nothing
+    bench.goes(1.0, &to_z(6.0), &[(1.2, 2, 1, 7.5)]);
+    bench.ask(1, 1.2, b"sec tool():\n set_tcp(p[0,0,0.01,0,0,0])\n set_payload(1.5)\nend\n", b"");
+    bench.ask(0, 1.2, &[b"\0\x05V\0\x02", &outputs("tcp_offset,payload")[..], b"\0\x03S"].concat(), b"\0\x04V\x01");
+    let package = bench.until(1.3).remove(0).1;
+    assert_eq!([&package[4 + 16..4 + 24], &package[4 + 48..]], [0.01_f64, 1.5].map(f64::to_be_bytes));
+    // the tool points down
+    bench.goes(3.0, "", &[(3.0, 1, 2, -4.0)]);
+    assert_eq!(bench.scene.axis(Axis::Z, 3.0).0, 6.0);
+    // a way is the same, a pose is another place
+    bench.goes(4.0, &by_z(1.0, -4.0), &[(6.0, 1, 2, -3.0)]);
+    assert!((bench.scene.axis(Axis::Z, 6.0).0 - 7.0).abs() < 1e-9);
+    bench.goes(7.0, &to_z(-2.0), &[(9.0, 1, 2, -2.0)]);
+    assert!((bench.scene.axis(Axis::Z, 9.0).0 - 8.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_program_that_makes_no_sense_ends_there() {
+    let mut bench = UrBench::new(&[], scene());
+    let program = |lines: &str| {
+        format!("def go():\n write_output_integer_register(3, 1)\n{lines}\n write_output_integer_register(3, 9)\nend\n")
+    };
+    for (nth, lines) in [
+        " movel(start)",
+        " while True:\n end",
+        " halt()",
+        " x = p[1,0,0,0,0,0] + 1",
+        " movel(p[0.299,-0.198,0.1,3.14,0,0], v=0)",
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let from_s = 1.0 + nth as f64;
+        bench.goes(from_s, &program(lines), &[(from_s + 0.9, 1, 1, 8.0)]);
+    }
+    // it isn't even compiled
+    bench.goes(9.0, &program(" dance()"), &[(9.9, 1, 1, 8.0)]);
+}
+
 #[test]
 fn protective_stop_halts_the_arm_until_it_is_unlocked_and_local_control_ignores_programs() {
     let mut bench = UrBench::new(&[(1.25, UrFaultKind::ProtectiveStop), (9.5, UrFaultKind::LocalControl)], scene());

@@ -37,7 +37,7 @@ pub(super) struct Output {
 /// Names, type and reading of each variable. A `#` stands for the number of a register. `speed_scaling` is that of the
 /// trajectory limiter, which doesn't act here; clients multiply it by the fraction of the slider. The bits of the
 /// robot: power on, program running, teach button, power button.
-const OUTPUTS: [(&str, &str, Read); 27] = [
+const OUTPUTS: [(&str, &str, Read); 30] = [
     ("timestamp", "DOUBLE", |now, _| doubles(&[now.at_s])),
     ("actual_TCP_pose", "VECTOR6D", |now, _| doubles(&now.pose)),
     ("target_TCP_pose", "VECTOR6D", |now, _| doubles(&now.planned_pose)),
@@ -64,7 +64,10 @@ const OUTPUTS: [(&str, &str, Read); 27] = [
     ("actual_main_voltage actual_robot_voltage", "DOUBLE", |_, _| doubles(&[48.0])),
     ("joint_mode", "VECTOR6INT32", |_, _| whole(JOINT_RUNS).repeat(6)),
     ("actual_digital_input_bits actual_digital_output_bits", "UINT64", |_, _| vec![0; 8]),
-    ("payload actual_momentum output_double_register_#", "DOUBLE", |_, _| doubles(&[0.0])),
+    ("tcp_offset", "VECTOR6D", |now, _| doubles(&now.robot.tcp)),
+    ("payload", "DOUBLE", |now, _| doubles(&[now.robot.payload_kg])),
+    ("output_double_register_#", "DOUBLE", |now, register| doubles(&[now.robot.float_registers[register]])),
+    ("actual_momentum", "DOUBLE", |_, _| doubles(&[0.0])),
     ("standard_analog_input0 standard_analog_input1", "DOUBLE", |_, _| doubles(&[0.0])),
     ("standard_analog_output0 standard_analog_output1", "DOUBLE", |_, _| doubles(&[0.0])),
 ];
@@ -105,14 +108,12 @@ impl Robot {
     pub(super) fn readings(&self, at_s: f64, scene: &mut Scene, now_s: f64) -> Readings<'_> {
         let axes = Axis::ALL.map(|axis| scene.axis(axis, now_s));
         let [planned_mm_s, turning_rad_s] = self.path.speeds(now_s);
-        let (planned_mm, planned_turn) = self.path.planned(now_s);
-        let pose = |stage_mm, rotvec_rad| six(self.arm.tip_mm(stage_mm).map(|mm| mm / 1000.0), rotvec_rad);
         let speed = |stage_mm_s| six(self.arm.along(stage_mm_s).map(|mm_s| mm_s / 1000.0), turning_rad_s);
         Readings {
             robot: self,
             at_s,
-            pose: pose(axes.map(|(place_mm, _)| place_mm), self.path.turn(now_s).rotvec_rad()),
-            planned_pose: pose(planned_mm, planned_turn.rotvec_rad()),
+            pose: self.actual_pose(scene, now_s),
+            planned_pose: self.target_pose(now_s),
             speed: speed(axes.map(|(_, speed_mm_s)| speed_mm_s)),
             planned_speed: speed(planned_mm_s),
             force: six(self.arm.reported_n(scene.true_force_n(now_s), now_s), [0.0; 3]),

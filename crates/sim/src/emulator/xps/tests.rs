@@ -249,6 +249,39 @@ fn group_passes_through_its_states() {
     assert_eq!(bench.say(1001.0, places), "0,0,0,0,EndOfAPI");
 }
 
+#[test]
+fn a_relative_move_holds_its_socket_until_its_end_and_ends_like_an_absolute_one() {
+    let mut bench = XpsBench::homed();
+    let places = "GroupPositionCurrentGet(XYZ,double *,double *,double *)";
+    assert_eq!(bench.say(20.0, "GroupMoveRelative(XYZ,1,-2,0.5)"), "");
+    assert_eq!(bench.status_on_another(20.05), "44");
+    let busy = "GroupMoveRelative(XYZ.Z,1)";
+    assert_eq!(bench.say(20.05, busy), format!("-1,{busy},EndOfAPI"));
+    assert_eq!(bench.settle(25.0), "0,,EndOfAPI");
+    bench.say(25.0, "GroupMoveRelative(XYZ.Z, -2.5)");
+    assert_eq!(bench.settle(30.0), "0,,EndOfAPI");
+    assert_eq!(bench.say(30.0, places), "0,1,-2,-2,EndOfAPI");
+    for (sent, code) in [
+        ("GroupMoveRelative(XYZ,1,-2)", -9),
+        ("GroupMoveRelative(XYZ.Z,up)", -14),
+        ("GroupMoveRelative(XYZ.Z,-10.6)", -17),
+        ("GroupMoveRelative(XYZ.W,1)", -18),
+        ("GroupMoveRelative(ABC,1,1,1)", -19),
+    ] {
+        assert_eq!(bench.say(30.0, sent), format!("{code},{sent},EndOfAPI"));
+    }
+    // from another socket it is aborted, and the next one counts from there
+    bench.say(30.0, "GroupMoveRelative(XYZ.Z,9)");
+    let abort = bench.xps.accept().expect("another");
+    let answer = abort.lock().expect("sound").answer(b"GroupMoveAbort(XYZ)", &mut bench.scene, 30.3);
+    assert_eq!(answer, b"0,,EndOfAPI");
+    assert_eq!(bench.settle(35.0), "-27,GroupMoveRelative(XYZ.Z,9),EndOfAPI");
+    let from_mm = bench.true_mm(Axis::Z, 35.0);
+    bench.say(35.0, "GroupMoveRelative(XYZ.Z,-1)");
+    assert_eq!(bench.settle(40.0), "0,,EndOfAPI");
+    assert!((bench.true_mm(Axis::Z, 40.0) - from_mm + 1.0).abs() < 1e-9);
+}
+
 impl XpsBench {
     fn status_on_another(&mut self, now_s: f64) -> String {
         let other = self.xps.accept().expect("another");
