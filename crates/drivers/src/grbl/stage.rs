@@ -35,6 +35,8 @@ pub struct Grbl {
     /// Where GRBL counts the next jog from, mm: a cancel leaves it at whole steps of all axes (gcode.c, `gc_sync_position`), so it is `None`
     /// until the next read-back.
     sent_mm: Option<[f64; 3]>,
+    /// Whether it restarted, so that its count isn't the rig's.
+    is_lost: bool,
 }
 
 impl Grbl {
@@ -47,21 +49,22 @@ impl Grbl {
             home_mm: None,
             ways: Vec::new(),
             sent_mm: None,
+            is_lost: false,
         }
     }
 
     /// Returns the controller's state and the positions of the axes in machine coordinates. Impossible positions are refused.
     async fn status(&mut self, doing: &str, orders: &MotionOrders) -> Result<GrblStatus, DeviceError> {
         let status = self.port.status(doing, (orders, JOG_CANCEL)).await?;
-        if self.port.restarted {
-            let text = "it restarted and lost its position".to_owned();
-            return Err(self.port.error(doing, DeviceProblem::Motion(text)));
+        // once: a later motion away from the specimen must be possible
+        if std::mem::take(&mut self.port.restarted) {
+            return Err(self.lost(doing));
         }
         if !status.is_machine {
             let text = "it reports work positions (WPos); set $10=1 for machine positions".to_owned();
             return Err(self.port.error(doing, DeviceProblem::Mismatch(text)));
         }
-        if let Some(usage) = &self.usage {
+        if let Some(usage) = self.usage.as_ref().filter(|_| !self.is_lost) {
             for axis in Axis::ALL {
                 let place_mm = status.position_mm[axis.index()];
                 if !usage.reach(axis).contains(place_mm) {
@@ -75,12 +78,17 @@ impl Grbl {
         Ok(status)
     }
 
+    fn lost(&mut self, doing: &str) -> DeviceError {
+        (self.is_lost, self.sent_mm) = (true, None);
+        self.port.error(doing, DeviceProblem::Motion("it restarted and lost its position".to_owned()))
+    }
+
     async fn build(&mut self) -> Result<Build, DeviceError> {
         let doing = "identifying it";
         let asked = self.port.line(doing, "$I", ANSWER_DEADLINE, None).await;
         let said = std::mem::take(&mut self.port.texts);
         // opening the port resets many boards: a welcome before this doesn't count
-        self.port.restarted = false;
+        (self.port.restarted, self.is_lost) = (false, false);
         if said.iter().any(|text| text.contains("Marlin") || text.starts_with("echo:")) {
             let words = "this is Marlin: write `driver = \"marlin\"` in [stage]";
             return Err(self.port.error(doing, DeviceProblem::Mismatch(words.to_owned())));
@@ -268,6 +276,11 @@ impl Stage for Grbl {
         };
         usage.check(ways).map_err(|problem| self.port.error(doing, problem))?;
         let is_leaving = usage.is_leaving(ways);
+        // what came in at rest is read before a motion
+        if self.port.has_restarted(doing, orders).await? || (self.is_lost && !is_leaving) {
+            return Err(self.lost(doing));
+        }
+        let Some(usage) = &self.usage else { return Ok(()) };
         let mut by_mm = [0.0; 3];
         for way in ways {
             let nth = way.axis.index();
