@@ -22,13 +22,13 @@
 mod daqmx;
 mod datagrams;
 mod esp301;
+mod faults;
 mod grbl;
 mod klipper;
 pub mod lines;
 pub mod listen;
 mod marlin;
 mod modbus;
-mod printer;
 mod process;
 mod serve;
 #[cfg(test)]
@@ -38,13 +38,15 @@ mod xps;
 
 pub use daqmx::DaqmxEmulator;
 pub use esp301::Esp301Emulator;
+pub use faults::{DeviceFault, FaultAfterBytes};
 pub use grbl::{GrblEmulator, MotionBoard as GrblBoard, ROOM_MM as GRBL_ROOM_MM};
-pub use klipper::{KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultKind};
-pub use marlin::{MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultKind};
+pub use klipper::{KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultAfterBytes, KlipperFaultKind};
+pub use marlin::{
+    Announced as MarlinAnnounced, MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultAfterBytes, MarlinFaultKind,
+};
 pub use modbus::{
     LabJackT7, LaumasTlb, Modbus, Refusal, RegisterBytes, RegisterMap, RobotiqFt300, SenecaZsg, Transmitter,
 };
-pub use printer::PrinterFault;
 pub use process::{Printer, ProcessArrayEmulator, ProcessLoadCellEmulator, ProcessStageEmulator};
 pub use serve::{INBOX_MOST, serve};
 pub use ur::{

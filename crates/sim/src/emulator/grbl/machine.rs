@@ -306,6 +306,14 @@ impl Machine {
         self.offset_mm = std::array::from_fn(|n| scene.motion(Axis::ALL[n]).end_mm() - counts_mm[n]);
     }
 
+    /// Changes what the axes count, mm. What is planned is made all the same.
+    pub(in crate::emulator) fn miscount(&mut self, by_mm: [f64; 3]) {
+        for (n, by_mm) in by_mm.into_iter().enumerate() {
+            self.offset_mm[n] -= by_mm;
+            self.blocks.iter_mut().for_each(|block| block.to_mm[n] += by_mm);
+        }
+    }
+
     /// Moves the axes by a distance, mm, that isn't counted, up to the ends of the frame. They move by weight or by hand.
     pub(in crate::emulator) fn slip(&mut self, by_mm: [f64; 3], scene: &mut Scene, now_s: f64) {
         for axis in Axis::ALL.into_iter().filter(|axis| by_mm[axis.index()] != 0.0) {
