@@ -63,7 +63,7 @@ pub use report::{ReportOptions, ReportPage, report};
 pub use results::RunResults;
 pub use run::{MannerOptions, OpenedRun, ResumeOptions, Resumed, RunOptions, begin, resume, run};
 pub use solutions::{Measure, NUMBERS, UNSOLVED, numbers};
-pub use solve::{SolveOptions, solve};
+pub use solve::{SolveOptions, ns_per_answer, solve};
 pub use sources::RigOptions;
 pub use vectors::VectorEvaluation;
 pub use which_way::{ConfirmOptions, Confirmed};

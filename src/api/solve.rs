@@ -14,10 +14,11 @@ use palpate_data::dataset::answers::{Answers, ReadingSolver};
 use palpate_data::dataset::readings::{Readings, StreamLines};
 use palpate_data::dataset::sensor_file::SensorModel;
 use palpate_solver::vector::{VectorFits, VectorSession};
-use palpate_solver::{HistorySession, Session};
+use palpate_solver::{HistorySession, Model, Session};
 use std::io::{self, Read, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Name of the input in messages.
 const SOURCE: &str = "stdin";
@@ -121,6 +122,17 @@ pub fn solve(
             answer(HistorySession::new(model), units, options, readings, solutions, note)
         }
     }
+}
+
+/// Returns the mean time of an answer, ns, from the text of a reading to the text of its contact. `None` without readings.
+pub fn ns_per_answer<'r>(model: Model, readings: impl Iterator<Item = &'r [f64]>) -> Option<f64> {
+    let number = |output: &f64| output.to_string();
+    let line = |outputs: &[f64]| outputs.iter().map(number).collect::<Vec<_>>().join(",") + "\n";
+    let lines: Vec<String> = readings.map(line).collect();
+    let options = SolveOptions { quiet: true, ..SolveOptions::default() };
+    let began = Instant::now();
+    solve(model, &options, lines.concat().as_bytes(), io::sink(), &|_| {}).ok()?;
+    (!lines.is_empty()).then(|| began.elapsed().as_nanos() as f64 / lines.len() as f64)
 }
 
 fn answer<S: ReadingSolver>(

@@ -3,7 +3,7 @@
 
 use super::{MissingLoadCell, daqmx, esp301, grbl, klipper, lines, marlin, modbus, process, ur, xps};
 use palpate_core::quantity::{Axis, ForceReading};
-use palpate_link::device::{DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage, StageUse};
+use palpate_link::device::{AxisWay, DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage, StageUse};
 use std::time::Duration;
 
 macro_rules! stages {
@@ -37,8 +37,8 @@ macro_rules! stages {
                 match self { $(Self::$name(it) => it.forget_timing(),)+ }
             }
 
-            async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
-                match self { $(Self::$name(it) => it.begin(targets, speed_mm_s, orders).await,)+ }
+            async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.begin(ways, speed_mm_s, orders).await,)+ }
             }
 
             async fn follow(&mut self, axes: &[Axis], expected: Duration, orders: &MotionOrders) -> Result<Vec<f64>, DeviceError> {

@@ -5,7 +5,7 @@
 
 use super::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, Range, seconds};
-use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
+use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::{Connector, LineExchange, Urgent, WireError};
 use std::time::Duration;
@@ -207,9 +207,9 @@ impl Esp301 {
     async fn clear_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
         let doing = "moving z away from the specimen";
         let end_mm = usage.travel.along(Axis::Z).end(usage.away);
-        let way_mm = (end_mm - self.position_mm(Axis::Z, orders).await?).abs();
-        self.begin(&[(Axis::Z, end_mm)], usage.home_speed_mm_s, orders).await?;
-        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), orders).await?;
+        let way = AxisWay::between(Axis::Z, self.position_mm(Axis::Z, orders).await?, end_mm);
+        self.begin(&[way], usage.home_speed_mm_s, orders).await?;
+        self.follow(&[Axis::Z], seconds(way.by_mm.abs() / usage.home_speed_mm_s), orders).await?;
         let at_mm = self.position_mm(Axis::Z, &MotionOrders::default()).await?;
         self.no_complaints(doing).await?;
         if (at_mm - end_mm).abs() > AWAY_MM {
@@ -335,17 +335,13 @@ impl Stage for Esp301 {
         Ok(())
     }
 
-    async fn begin(
-        &mut self,
-        targets: &[(Axis, f64)],
-        speed_mm_s: f64,
-        orders: &MotionOrders,
-    ) -> Result<(), DeviceError> {
-        let command = |(axis, target_mm): &(Axis, f64)| {
-            let n = number(*axis);
-            format!("{n}VA{speed_mm_s:.5};{n}PA{target_mm:.5}")
+    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
+        // relative to where the axis was sent (manual, page PR)
+        let command = |way: &AxisWay| {
+            let n = number(way.axis);
+            format!("{n}VA{speed_mm_s:.5};{n}PR{:.5}", way.by_mm)
         };
-        let Some(&(last, _)) = targets.last() else { return Ok(()) };
+        let Some(last) = ways.last().map(|way| way.axis) else { return Ok(()) };
         // complaints about the motion before; on the way to park they don't stop it
         if !std::mem::take(&mut self.stopped) && !self.complaints.is_empty() {
             let text = std::mem::take(&mut self.complaints).join("; ");
@@ -357,8 +353,8 @@ impl Stage for Esp301 {
         }
         // set commands have no answer: the answer to the question after them shows that they were accepted, and when
         let (doing, question) = ("starting a motion", format!("{}MD?", number(last)));
-        let line = targets.iter().map(command).collect::<Vec<_>>().join(";") + ";" + &question;
-        let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
+        let line = ways.iter().map(command).collect::<Vec<_>>().join(";") + ";" + &question;
+        let axes: Vec<Axis> = ways.iter().map(|way| way.axis).collect();
         let urgent = || orders.take().map(|order| line_of(order, &axes));
         let urgent = Urgent { asked: orders.pulled(), line: &urgent };
         let asked = Instant::now();

@@ -1,8 +1,8 @@
 //! Counterpart for a driver's tests: the far end of a link. It expects the sent bytes exactly, and answers as defined in a
 //! script.
 
-use palpate_core::quantity::{Range, StageAbilities, Steps, Travel};
-use palpate_link::device::{DeviceError, HomeSearch, Identity, MotionOrders, Stage, StageUse};
+use palpate_core::quantity::{Axis, Range, StageAbilities, Steps, Travel};
+use palpate_link::device::{AxisWay, DeviceError, HomeSearch, Identity, MotionOrders, Stage, StageUse};
 use palpate_link::wire::Connector;
 use std::sync::Mutex;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
@@ -81,6 +81,11 @@ pub(crate) fn usage() -> StageUse {
         home_search: HomeSearch::Away,
         abilities: StageAbilities::FULL,
     }
+}
+
+/// Returns the ways from 0 mm to these places, mm.
+pub(crate) fn ways(targets: &[(Axis, f64)]) -> Vec<AxisWay> {
+    targets.iter().map(|(axis, to_mm)| AxisWay::between(*axis, 0.0, *to_mm)).collect()
 }
 
 /// Identifies and homes a stage.

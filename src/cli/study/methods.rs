@@ -2,16 +2,15 @@
 
 use super::begun::{Common, StudyOutput, ended, number};
 
-use crate::api::ColumnsOptions;
-use crate::api::Failure;
 use crate::api::recorded::{read_presses, read_run};
+use crate::api::{self, ColumnsOptions, Failure};
 use crate::cli::summary::note;
 use crate::cli::text_table::{TextTable, cells};
 use palpate_data::recipe::Phase;
-use palpate_solver::{BEST, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
+use palpate_solver::{BEST, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, Model};
 use palpate_study::methods::{
-    CONDITIONS, MethodRow, MethodTrial, NoiseReference, StudiedMethod, budget_figures, budget_figures_of,
-    coverage_figures, failure_figures, of_run, of_tables, speed_accuracy_figures,
+    CONDITIONS, KnownReadings, MethodRow, MethodTrial, NoiseReference, StudiedMethod, budget_figures,
+    budget_figures_of, coverage_figures, failure_figures, of_run, of_tables, speed_accuracy_figures,
 };
 use palpate_study::{methods, ndjson};
 use std::fmt::Write as _;
@@ -101,14 +100,18 @@ pub(super) fn speed_accuracy(args: &SpeedAccuracyArgs) -> Result<ExitCode, Failu
             begun.carried(MethodTrial::simulated(side, tests, args.common.seed))?
         }
     };
-    let found = begun.carried(Ok(methods::speed_accuracy(&trials, &begun.text())))?;
+    let found = begun.carried(Ok(methods::speed_accuracy(&trials, &ns_per_answer, &begun.text())))?;
     begun.end(speed_accuracy_figures(&trials, &found), ndjson(&found), |out| {
         let mut text = String::new();
         for trial in &trials {
             text += &speed_accuracy_table(&trial.text, found.iter().filter(|row| row.scene == trial.scene));
         }
-        text + "*: no other method is both faster and more exact; wrong: over 1 mm or 0.1 N;\nsilent: wrong and not flagged\n" + &ended(out)
+        text + "ns: of a solve, and of an answer of `palpate solve`, with its lines\n*: no other method is both faster and more exact; wrong: over 1 mm or 0.1 N;\nsilent: wrong and not flagged\n" + &ended(out)
     })
+}
+
+fn ns_per_answer(model: Model, test: &KnownReadings) -> Option<f64> {
+    api::ns_per_answer(model, test.iter().map(|(_, outputs)| outputs))
 }
 
 /// How near each method comes against the number of presses.
@@ -150,7 +153,7 @@ fn trial_of(run: &Path) -> Result<MethodTrial, Failure> {
 }
 
 fn speed_accuracy_table<'a>(text: &str, rows: impl Iterator<Item = &'a MethodRow>) -> String {
-    let head = ["", "mean mm", "+-", "p95", "force N", "ns", "wrong", "silent", ""];
+    let head = ["", "mean mm", "+-", "p95", "force N", "ns", "answer", "wrong", "silent", ""];
     let mut table = TextTable::new(1, head);
     let percent = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
     let (mut bound, mut refusals) = (None, String::new());
@@ -162,6 +165,7 @@ fn speed_accuracy_table<'a>(text: &str, rows: impl Iterator<Item = &'a MethodRow
             number(row.location_error_mm.map(|error| error.p95), 2),
             number(row.force_error_n.map(|error| error.mean), 4),
             number(row.ns_per_solve, 0),
+            number(row.ns_per_answer, 0),
             percent(row.wrong),
             percent(row.wrong_unflagged),
             if row.pareto == Some(true) { "*" } else { "" },

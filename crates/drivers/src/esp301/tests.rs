@@ -1,7 +1,7 @@
 //! The ESP301 driver against answers from a script.
 
 use super::*;
-use crate::script::{Script, made_ready, scripted, usage};
+use crate::script::{Script, made_ready, scripted, usage, ways};
 use palpate_link::time::sleep;
 use tokio::task::JoinHandle;
 
@@ -99,12 +99,12 @@ async fn a_search_for_home_can_be_stopped_and_nothing_else_moves() {
 #[tokio::test(start_paused = true)]
 async fn a_move_is_one_line_and_its_end_is_asked_for() {
     let (mut stage, device) = stage(&[
-        (b"1VA10.00000;1PA-1.50000;2VA10.00000;2PA0.25000;2MD?\r", b"0\r\n"),
+        (b"1VA10.00000;1PR-1.50000;2VA10.00000;2PR0.25000;2MD?\r", b"0\r\n"),
         (b"1MD?;2MD?;1TP;2TP;TB?\r", b"0\r\n1\r\n-1.4990\r\n0.2500\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"1MD?;2MD?;1TP;2TP;TB?\r", b"1\r\n1\r\n-1.5000\r\n0.2500\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"3TP\r", b"-10.2370\r\n"),
     ]);
-    stage.begin(&[(Axis::X, -1.5), (Axis::Y, 0.25)], 10.0, &MotionOrders::default()).await.unwrap();
+    stage.begin(&ways(&[(Axis::X, -1.5), (Axis::Y, 0.25)]), 10.0, &MotionOrders::default()).await.unwrap();
     let arrived = stage.follow(&[Axis::X, Axis::Y], Duration::from_millis(50), &MotionOrders::default()).await.unwrap();
     assert_eq!(arrived, [-1.5, 0.25]);
     assert_eq!(stage.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap(), -10.237);
@@ -212,15 +212,15 @@ async fn queued_controller_error_is_reported_before_the_next_motion() {
         (b"1MD?;1TP;TB?\r", b"1\r\n12.5000\r\n106, 7, AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED\r\n"),
         (b"1MD?;1TP;TB?\r", b"1\r\n12.5000\r\n106, 7, AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED\r\n"),
         (b"ST\r", b""),
-        (b"1VA1.00000;1PA0.00000;1MD?\r", b"0\r\n"),
+        (b"1VA1.00000;1PR-12.50000;1MD?\r", b"0\r\n"),
     ]);
-    let orders = MotionOrders::default();
+    let (orders, back) = (MotionOrders::default(), AxisWay::between(Axis::X, 12.5, 0.0));
     stage.follow(&[Axis::X], Duration::ZERO, &orders).await.unwrap();
-    let refused = stage.begin(&[(Axis::X, 0.0)], 1.0, &MotionOrders::default()).await.unwrap_err().to_string();
+    let refused = stage.begin(&[back], 1.0, &MotionOrders::default()).await.unwrap_err().to_string();
     assert!(refused.contains(&limit.replacen("106, 7", "error 106", 1)), "{refused}");
     stage.follow(&[Axis::X], Duration::ZERO, &orders).await.unwrap();
     stage.stop().await.unwrap();
-    stage.begin(&[(Axis::X, 0.0)], 1.0, &MotionOrders::default()).await.unwrap(); // to park
+    stage.begin(&[back], 1.0, &MotionOrders::default()).await.unwrap(); // to park
     drop(stage);
     device.await.unwrap();
 }
@@ -231,7 +231,7 @@ async fn stop_that_overtakes_its_motion_is_sent_again() {
         (b"3TP\r", b"0.0000\r\nE stray\r\n"),
         (b"ST\r", b""),
         (b"VE?\r", b"ESP301 Version 1.1.1 16/01/14\r\n"),
-        (b"3VA1.00000;3PA1.00000;3MD?\r", b"0\r\n"),
+        (b"3VA1.00000;3PR1.00000;3MD?\r", b"0\r\n"),
         (b"ST\r", b""),
     ]);
     let orders = MotionOrders::default();
@@ -240,7 +240,7 @@ async fn stop_that_overtakes_its_motion_is_sent_again() {
         sleep(Duration::from_millis(30)).await; // while the line is brought back into step
         orders.stop();
     };
-    let targets = [(Axis::Z, 1.0)];
+    let targets = ways(&[(Axis::Z, 1.0)]);
     let (begun, ()) = tokio::join!(stage.begin(&targets, 1.0, &orders), ask_for_it);
     begun.unwrap();
     drop(stage);

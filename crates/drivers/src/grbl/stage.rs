@@ -6,7 +6,7 @@ use super::report::{GrblState, GrblStatus};
 use super::settings::{FLUIDNC_IDLE, FLUIDNC_INCHES, ReportedSettings};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
+use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::Connector;
 use std::time::Duration;
@@ -30,14 +30,14 @@ pub struct Grbl {
     pub(super) usage: Option<StageUse>,
     /// What each axis should count at home, mm, if it is known.
     home_mm: Option<[f64; 3]>,
-    /// Targets of the motion under way.
-    targets: Vec<(Axis, f64)>,
+    /// The motion under way.
+    ways: Vec<AxisWay>,
 }
 
 impl Grbl {
     /// Creates a controller behind a link; nothing is sent yet. `link` is its name in messages.
     pub fn new(connector: Connector, link: String) -> Self {
-        Grbl { port: GrblPort::new(connector, link.clone()), link, usage: None, home_mm: None, targets: Vec::new() }
+        Grbl { port: GrblPort::new(connector, link.clone()), link, usage: None, home_mm: None, ways: Vec::new() }
     }
 
     /// Returns the controller's state and the positions of the axes in machine coordinates. Impossible positions are refused.
@@ -180,33 +180,25 @@ impl Grbl {
         Ok(self.port.error(doing, DeviceProblem::Motion(text)))
     }
 
-    /// Continues toward the same targets at another speed, with a new jog. A jog keeps its initial speed.
+    /// Makes what is left of the motion at another speed, with a new jog. A jog keeps its initial speed.
     async fn change_speed(&mut self, mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
         let doing = "changing a speed";
         self.port.send(doing, JOG_CANCEL).await?;
         self.until_still(doing).await?;
-        let targets = self.targets.clone();
-        self.begin(&targets, mm_s, orders).await
+        let at_mm = self.status(doing, orders).await?.position_mm;
+        let left = |way: &AxisWay| AxisWay::between(way.axis, at_mm[way.axis.index()], way.to_mm());
+        let left: Vec<AxisWay> = self.ways.iter().map(left).collect();
+        self.begin(&left, mm_s, orders).await
     }
+}
 
-    /// Feed along the path at which the fastest axis moves at `speed_mm_s`, mm/min.
-    async fn feed_mm_min(
-        &mut self,
-        doing: &str,
-        targets: &[(Axis, f64)],
-        speed_mm_s: f64,
-        orders: &MotionOrders,
-    ) -> Result<f64, DeviceError> {
-        let mut stretch = 1.0;
-        if targets.len() > 1 {
-            let from_mm = self.status(doing, orders).await?.position_mm;
-            let ways = targets.iter().map(|(axis, mm)| mm - from_mm[axis.index()]);
-            let (whole, longest) =
-                ways.fold((0.0f64, 0.0f64), |(whole, longest), way| (whole.hypot(way), longest.max(way.abs())));
-            stretch = if longest > 0.0 { whole / longest } else { 1.0 };
-        }
-        Ok(speed_mm_s * stretch * 60.0)
-    }
+/// Feed along the path at which the fastest axis moves at `speed_mm_s`, mm/min.
+fn feed_mm_min(ways: &[AxisWay], speed_mm_s: f64) -> f64 {
+    let (whole, longest) = ways
+        .iter()
+        .fold((0.0f64, 0.0f64), |(whole, longest), way| (whole.hypot(way.by_mm), longest.max(way.by_mm.abs())));
+    let stretch = if longest > 0.0 { whole / longest } else { 1.0 };
+    speed_mm_s * stretch * 60.0
 }
 
 impl Stage for Grbl {
@@ -252,23 +244,18 @@ impl Stage for Grbl {
         Ok(())
     }
 
-    async fn begin(
-        &mut self,
-        targets: &[(Axis, f64)],
-        speed_mm_s: f64,
-        orders: &MotionOrders,
-    ) -> Result<(), DeviceError> {
+    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
         let doing = "starting a motion";
         // GRBL's soft limits end where the frame does, not where the specimen does
         let Some(usage) = &self.usage else {
             return Err(self.port.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
         };
-        usage.check(targets).map_err(|problem| self.port.error(doing, problem))?;
-        let feed_mm_min = self.feed_mm_min(doing, targets, speed_mm_s, orders).await?;
-        let words = |(axis, mm): &(Axis, f64)| format!("{}{mm:.4}", axis.name().to_uppercase());
-        let places = targets.iter().map(words).collect::<Vec<_>>().join(" ");
-        self.targets = targets.to_vec();
-        let line = format!("$J=G90 G21 G53 {places} F{feed_mm_min:.3}");
+        usage.check(ways).map_err(|problem| self.port.error(doing, problem))?;
+        let words = |way: &AxisWay| format!("{}{:.5}", way.axis.name().to_uppercase(), way.by_mm);
+        let words = ways.iter().map(words).collect::<Vec<_>>().join(" ");
+        self.ways = ways.to_vec();
+        // relative and in mm in this line alone (jogging document)
+        let line = format!("$J=G91 G21 {words} F{:.3}", feed_mm_min(ways, speed_mm_s));
         self.port.bring_back_in_step(doing, Some((orders, JOG_CANCEL))).await?; // before the question below: it takes its time
         if orders.stopped() {
             return Ok(());

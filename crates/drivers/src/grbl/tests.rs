@@ -3,7 +3,7 @@
 use super::firmware::{Build, GrblFirmware};
 use super::settings::ReportedSettings;
 use super::*;
-use crate::script::{Script, made_ready, scripted, usage};
+use crate::script::{Script, made_ready, scripted, usage, ways};
 use palpate_core::quantity::{Axis, Range, Travel};
 use palpate_link::device::{MotionOrders, Stage, StageUse};
 use std::time::Duration;
@@ -175,14 +175,14 @@ async fn fluidnc_is_asked_by_name_for_what_it_has_no_number_for() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_jog_is_absolute_in_machine_coordinates_and_its_end_is_asked_for() {
+async fn a_jog_is_a_displacement_and_its_end_is_asked_for() {
     let (mut stage, device) = stage(&[
-        (b"$J=G90 G21 G53 Z-1.2500 F90.000\n", b"ok\r\n"),
+        (b"$J=G91 G21 Z-1.25000 F90.000\n", b"ok\r\n"),
         (b"?", b"<Jog|MPos:0.000,0.000,-1.200|FS:90,0>\r\n"),
         (b"?", b"<Idle|MPos:0.000,0.000,-1.250|FS:0,0>\r\n"),
     ]);
     stage.usage = Some(usage());
-    stage.begin(&[(Axis::Z, -1.25)], 1.5, &MotionOrders::default()).await.unwrap();
+    stage.begin(&ways(&[(Axis::Z, -1.25)]), 1.5, &MotionOrders::default()).await.unwrap();
     let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(850), &MotionOrders::default()).await.unwrap();
     assert_eq!(places_mm, [-1.25]);
     drop(stage);
@@ -191,12 +191,9 @@ async fn a_jog_is_absolute_in_machine_coordinates_and_its_end_is_asked_for() {
 
 #[tokio::test(start_paused = true)]
 async fn two_axes_go_at_the_speed_of_the_faster_one() {
-    let (mut stage, device) = stage(&[
-        (b"?", b"<Idle|MPos:0.000,1.000,0.000|FS:0,0>\r\n"),
-        (b"$J=G90 G21 G53 X3.0000 Y5.0000 F750.000\n", b"ok\r\n"),
-    ]);
+    let (mut stage, device) = stage(&[(b"$J=G91 G21 X3.00000 Y4.00000 F750.000\n", b"ok\r\n")]);
     stage.usage = Some(usage());
-    stage.begin(&[(Axis::X, 3.0), (Axis::Y, 5.0)], 10.0, &MotionOrders::default()).await.unwrap();
+    stage.begin(&ways(&[(Axis::X, 3.0), (Axis::Y, 4.0)]), 10.0, &MotionOrders::default()).await.unwrap();
     drop(stage);
     device.await.unwrap();
 }
@@ -214,9 +211,9 @@ async fn a_stop_is_one_byte_at_once() {
 
 #[tokio::test(start_paused = true)]
 async fn a_refused_jog_an_alarm_and_a_restart_are_reported() {
-    let (mut refused, device) = stage(&[(b"$J=G90 G21 G53 Z1.0000 F60.000\n", b"error:15\r\n")]);
+    let (mut refused, device) = stage(&[(b"$J=G91 G21 Z1.00000 F60.000\n", b"error:15\r\n")]);
     refused.usage = Some(usage());
-    let text = refused.begin(&[(Axis::Z, 1.0)], 1.0, &MotionOrders::default()).await.unwrap_err().to_string();
+    let text = refused.begin(&ways(&[(Axis::Z, 1.0)]), 1.0, &MotionOrders::default()).await.unwrap_err().to_string();
     assert!(text.contains("error 15 (the jog exceeds the travel)"), "{text}");
     drop(refused);
     device.await.unwrap();
@@ -239,23 +236,22 @@ async fn a_refused_jog_an_alarm_and_a_restart_are_reported() {
 async fn a_target_outside_the_travel_is_never_sent() {
     let (mut stage, device) = stage(&[]);
     stage.usage = Some(usage());
-    let text = stage.begin(&[(Axis::Z, 12.6)], 1.0, &MotionOrders::default()).await.unwrap_err().to_string();
-    assert!(text.contains("z at 12.6 mm is outside the rig's travel"), "{text}");
+    let text = stage.begin(&ways(&[(Axis::Z, -12.6)]), 1.0, &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("z at -12.6 mm is outside the rig's travel"), "{text}");
     drop(stage);
     device.abort();
 }
 
 #[tokio::test(start_paused = true)]
 async fn a_cancel_that_comes_before_the_jog_is_under_way_is_sent_again_behind_its_ok() {
-    let (mut stage, device) =
-        stage(&[(b"$J=G90 G21 G53 Z-1.2500 F90.000\n", b""), (b"\x85", b"ok\r\n"), (b"\x85", b"")]);
+    let (mut stage, device) = stage(&[(b"$J=G91 G21 Z-1.25000 F90.000\n", b""), (b"\x85", b"ok\r\n"), (b"\x85", b"")]);
     stage.usage = Some(usage());
     let orders = MotionOrders::default();
     let ask_for_it = async {
         palpate_link::time::sleep(Duration::from_millis(2730)).await;
         orders.stop();
     };
-    let targets = [(Axis::Z, -1.25)];
+    let targets = ways(&[(Axis::Z, -1.25)]);
     let (begun, ()) = tokio::join!(stage.begin(&targets, 1.5, &orders), ask_for_it);
     begun.unwrap();
     drop(stage);

@@ -3,7 +3,7 @@
 use super::moonraker::Moonraker;
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrders, Stage, StageUse};
+use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrders, Stage, StageUse};
 use palpate_link::time::sleep;
 use palpate_link::wire::Connector;
 use serde_json::{Value, json};
@@ -38,7 +38,7 @@ pub struct Klipper {
     /// Where the zero of the rig's axes is in the printer's coordinates, mm.
     zero_mm: [f64; 3],
     /// Where the axes were sent, mm; `None` after a motion that was refused or in doubt.
-    at_mm: Option<[f64; 3]>,
+    pub(super) at_mm: Option<[f64; 3]>,
     /// How long the last motion takes.
     takes: Duration,
     /// What each motion sets first, so that nothing that somebody else set changes it.
@@ -65,8 +65,8 @@ struct Report {
     at_mm: [f64; 3],
     /// Where they were sent, mm.
     ends_mm: [f64; 3],
-    /// What G-code calls that place, minus it, mm: G92, an offset, a mesh or a correction of skew.
-    shift_mm: [f64; 3],
+    /// Whether G-code calls that place otherwise: G92, an offset, a mesh, or a correction of skew or tilt, which changes a motion.
+    is_shifted: bool,
     /// Whether it knows the position of all axes.
     is_known: bool,
 }
@@ -168,7 +168,7 @@ impl Klipper {
     async fn report(&mut self, doing: &str) -> Result<Report, DeviceError> {
         let asked = json!({ "objects": {
             "toolhead": ["position", "homed_axes"], "motion_report": ["live_position"],
-"gcode_move": ["gcode_position"], "webhooks": ["state", "state_message"]
+            "gcode_move": ["gcode_position"], "webhooks": ["state", "state_message"]
         } });
         let answer = self.moonraker.ask(doing, "printer.objects.query", asked).await?;
         let status = &answer["status"];
@@ -184,8 +184,9 @@ impl Klipper {
         let by_gcode = three(&status["gcode_move"]["gcode_position"]);
         match live.zip(sent).zip(by_gcode) {
             Some(((at_mm, ends_mm), by_gcode)) => {
-                let shift_mm = std::array::from_fn(|axis| by_gcode[axis] - ends_mm[axis]);
-                Ok(Report { at_mm: own(at_mm), ends_mm: own(ends_mm), shift_mm, is_known })
+                let is_same = |axis: usize| (by_gcode[axis] - ends_mm[axis]).abs() <= REPORT_ROUNDING_MM;
+                let is_shifted = !(0..3).all(is_same);
+                Ok(Report { at_mm: own(at_mm), ends_mm: own(ends_mm), is_shifted, is_known })
             }
             None => {
                 let expected =
@@ -290,44 +291,48 @@ impl Klipper {
             .find(|axis| !self.is_same(*axis, report.at_mm[axis.index()], report.ends_mm[axis.index()]))
     }
 
-    /// Sends a motion to whole steps, from where the axes are. `away` is the direction of z away from the specimen: nothing that somebody else
+    /// Sends a motion of whole steps, from where the axes are. `away` is the direction of z away from the specimen: nothing that somebody else
     /// set prevents a motion there.
     async fn send_motion(
         &mut self,
         doing: &str,
-        targets: &[(Axis, f64)],
-        (speed_mm_s, away): (f64, f64),
+        ways: &[AxisWay],
+        (speed_mm_s, usage): (f64, &StageUse),
     ) -> Result<(), DeviceError> {
         let report = self.report(doing).await?;
         let from_mm = report.ends_mm;
-        let mut to_mm = from_mm;
-        for (axis, target_mm) in targets {
-            to_mm[axis.index()] = self.in_steps(*axis, *target_mm);
-        }
-        let way_mm: [f64; 3] = std::array::from_fn(|axis| to_mm[axis] - from_mm[axis]);
-        let is_leaving = way_mm[0] == 0.0 && way_mm[1] == 0.0 && way_mm[2] * away > 0.0;
+        let is_leaving = usage.is_leaving(ways);
         if !is_leaving {
             self.check_sent(doing, &report)?;
-            if report.shift_mm.iter().any(|shift| shift.abs() > REPORT_ROUNDING_MM) {
+            if report.is_shifted {
                 let text = "its G-code coordinates were shifted by somebody else (G92, an offset, a bed mesh, a correction of skew or of tilt)";
                 return Err(self.motion(doing, text.to_owned()));
             }
         }
-        let longest_mm = way_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
+        let mut by_mm = [0.0; 3];
+        for way in ways {
+            let nth = way.axis.index();
+            // where the printer was sent, in whole steps, is known better than where it was read back
+            by_mm[nth] = match is_leaving {
+                true => self.in_steps(way.axis, way.by_mm),
+                false => self.in_steps(way.axis, way.to_mm()) - from_mm[nth],
+            };
+        }
+        let longest_mm = by_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
         if longest_mm == 0.0 {
             return Ok(());
         }
-        let whole_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
-        let words = Axis::ALL.into_iter().filter(|axis| way_mm[axis.index()] != 0.0).map(|axis| {
-            let nth = axis.index();
-            format!("{}{:.6} ", axis.name().to_uppercase(), self.zero_mm[nth] + to_mm[nth] + report.shift_mm[nth])
-        });
+        let whole_mm = by_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
+        let words = Axis::ALL.into_iter().filter(|axis| by_mm[axis.index()] != 0.0);
+        let words = words.map(|axis| format!("{}{:.6} ", axis.name().to_uppercase(), by_mm[axis.index()]));
         // the feed is along the path; no axis is faster than the speed
         let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
-        let script = format!("{}G1 {}F{feed_mm_min:.3}\nM400", self.setup, words.collect::<String>());
+        let (setup, words) = (&self.setup, words.collect::<String>());
+        let script = format!("{setup}G91\nG1 {words}F{feed_mm_min:.3}\nG90\nM400");
         self.under_way = UnderWay::Doubt;
         self.takes = seconds(longest_mm / speed_mm_s);
         self.moonraker.begin(doing, &script).await?;
+        let to_mm = std::array::from_fn(|axis| from_mm[axis] + by_mm[axis]);
         (self.under_way, self.at_mm) = (UnderWay::Motion, Some(to_mm));
         Ok(())
     }
@@ -353,9 +358,9 @@ impl Stage for Klipper {
         if let Some(state @ ("printing" | "paused")) = answer["status"]["print_stats"]["state"].as_str() {
             return Err(self.mismatch(doing, format!("it is {state} a job: nothing was changed")));
         }
-        // the rig's acceleration, the whole feed, no bed mesh (z would follow x and y), absolute mm
+        // the rig's acceleration, the whole feed, no bed mesh (z would follow x and y)
         let acceleration = usage.acceleration_mm_s2;
-        self.setup = format!("BED_MESH_CLEAR\nSET_VELOCITY_LIMIT ACCEL={acceleration}\nM220 S100\nG90\n");
+        self.setup = format!("BED_MESH_CLEAR\nSET_VELOCITY_LIMIT ACCEL={acceleration}\nM220 S100\n");
         // motors on, so that nothing moves by hand any more, and no idle time
         let script = format!(
             "{}SET_IDLE_TIMEOUT TIMEOUT=86400\nSET_GCODE_OFFSET X=0 Y=0 Z=0\n{}M400",
@@ -388,9 +393,9 @@ impl Stage for Klipper {
             if orders.stopped() {
                 break;
             }
-            let at_mm = self.report(doing).await?.ends_mm[z];
-            let target = [(Axis::Z, at_mm + usage.away * piece_mm)];
-            self.send_motion(doing, &target, (usage.home_speed_mm_s, usage.away)).await?;
+            let from_mm = self.report(doing).await?.ends_mm[z];
+            let way = AxisWay { axis: Axis::Z, from_mm, by_mm: usage.away * piece_mm };
+            self.send_motion(doing, &[way], (usage.home_speed_mm_s, usage)).await?;
             self.read_back(doing, seconds(piece_mm / usage.home_speed_mm_s)).await?;
         }
         Ok(true)
@@ -414,12 +419,7 @@ impl Stage for Klipper {
         self.read_back(doing, Duration::ZERO).await.map(drop)
     }
 
-    async fn begin(
-        &mut self,
-        targets: &[(Axis, f64)],
-        speed_mm_s: f64,
-        orders: &MotionOrders,
-    ) -> Result<(), DeviceError> {
+    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
         let doing = "starting a motion";
         let Some(usage) = self.usage.clone() else {
             return Err(self.motion(doing, "it isn't prepared".to_owned()));
@@ -427,11 +427,11 @@ impl Stage for Klipper {
         if self.under_way != UnderWay::Nothing {
             self.read_back(doing, Duration::ZERO).await?;
         }
-        usage.check(targets).map_err(|problem| self.moonraker.error(doing, problem))?;
+        usage.check(ways).map_err(|problem| self.moonraker.error(doing, problem))?;
         if orders.stopped() {
             return Ok(());
         }
-        self.send_motion(doing, targets, (speed_mm_s, usage.away)).await
+        self.send_motion(doing, ways, (speed_mm_s, &usage)).await
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, _: &MotionOrders) -> Result<Vec<f64>, DeviceError> {

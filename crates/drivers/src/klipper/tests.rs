@@ -3,7 +3,7 @@
 use super::Klipper;
 use crate::script::{made_ready, usage};
 use palpate_core::quantity::{Axis, Steps};
-use palpate_link::device::{MotionOrders, Stage, StageUse};
+use palpate_link::device::{AxisWay, MotionOrders, Stage, StageUse};
 use palpate_link::wire::Connector;
 use serde_json::{Value, json};
 use std::sync::{Arc, Mutex};
@@ -82,11 +82,9 @@ impl FakePrinter {
         let axis = |word: &str| "XYZ".find(&word[..1]);
         let mut words = line.split_whitespace();
         match words.next() {
-            Some("G1") => {
-                words.filter_map(|word| Some((axis(word)?, number(word)))).for_each(|(nth, mm): (usize, f64)| {
-                    self.at_mm[nth] = mm - if nth == 2 { self.shift_mm } else { 0.0 };
-                })
-            }
+            Some("G1") => words
+                .filter_map(|word| Some((axis(word)?, number(word))))
+                .for_each(|(nth, mm): (usize, f64)| self.at_mm[nth] += mm),
             Some("SET_KINEMATIC_POSITION") if self.knows_force_move => {
                 self.homed = "xyz";
                 words.for_each(|word| self.at_mm[axis(word).unwrap()] = number(word));
@@ -158,7 +156,15 @@ async fn ready() -> (Fake, Klipper) {
 async fn moved(stage: &mut Klipper, targets: &[(Axis, f64)]) -> Result<Vec<f64>, String> {
     let orders = MotionOrders::default();
     let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
-    stage.begin(targets, 2.0, &orders).await.map_err(|error| error.to_string())?;
+    let mut ways = Vec::new();
+    for (axis, to_mm) in targets {
+        let from_mm = match stage.at_mm {
+            Some(at_mm) => at_mm[axis.index()],
+            None => stage.position_mm(*axis, &orders).await.unwrap(),
+        };
+        ways.push(AxisWay::between(*axis, from_mm, *to_mm));
+    }
+    stage.begin(&ways, 2.0, &orders).await.map_err(|error| error.to_string())?;
     stage.follow(&axes, Duration::from_secs(1), &orders).await.map_err(|error| error.to_string())
 }
 
@@ -174,9 +180,9 @@ async fn each_motion_is_one_script_that_sets_what_it_needs() {
     assert_eq!(moved(&mut stage, &[(Axis::Z, -1.0)]).await.unwrap(), [-1.0]);
     assert_eq!(moved(&mut stage, &[(Axis::X, 3.0), (Axis::Y, 4.0)]).await.unwrap(), [3.0, 4.0]);
     let scripts = fake.lock().unwrap().scripts.clone();
-    let setup = "BED_MESH_CLEAR\nSET_VELOCITY_LIMIT ACCEL=100\nM220 S100\nG90\n";
-    assert_eq!(scripts[scripts.len() - 2], format!("{setup}G1 Z116.500000 F120.000\nM400"));
-    assert_eq!(scripts[scripts.len() - 1], format!("{setup}G1 X120.500000 Y121.500000 F150.000\nM400"));
+    let setup = "BED_MESH_CLEAR\nSET_VELOCITY_LIMIT ACCEL=100\nM220 S100\n";
+    assert_eq!(scripts[scripts.len() - 2], format!("{setup}G91\nG1 Z-1.000000 F120.000\nG90\nM400"));
+    assert_eq!(scripts[scripts.len() - 1], format!("{setup}G91\nG1 X3.000000 Y4.000000 F150.000\nG90\nM400"));
 }
 
 #[tokio::test(start_paused = true)]

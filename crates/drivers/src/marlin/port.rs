@@ -1,4 +1,7 @@
-//! Serial line of a printer: numbered commands, and markers after which no late answer can come.
+//! Serial line of a printer: numbered commands, each sent until it was taken, and markers after which no late answer can come.
+//!
+//! A line is only repeated with its own number, so the printer takes it once (Marlin, `queue.cpp`). A printer that restarted counts lines
+//! from 0 and refuses the next one, whether it announces its restart or not.
 
 use super::report::{MarlinPosition, MarlinReport, parse_report};
 use palpate_link::device::{DeviceError, DeviceProblem, MotionOrders};
@@ -6,9 +9,13 @@ use palpate_link::time::Instant;
 use palpate_link::wire::{Connector, LineLink, WireError, silent};
 use std::time::Duration;
 
-/// Longest wait for an answer to a marker, and how much longer a `busy` makes it. Marlin sends one every two seconds.
+/// Longest wait for an answer beyond the time that its command takes, whatever the printer says meanwhile, and how much longer than a line
+/// without an answer a `busy` makes it wait. Marlin sends one every two seconds.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(4);
 const BUSY: Duration = Duration::from_millis(2500);
+
+/// Number of the first line. A printer that restarted expects line 1, which is never the next one.
+const NUMBER_FIRST: u64 = 1000;
 
 /// Number of times that a line is sent before the driver gives up.
 const SENDS_MAX: usize = 4;
@@ -26,7 +33,7 @@ const AGAIN_AFTER: Duration = Duration::from_millis(250);
 
 const LINE_MAX_BYTES: usize = 512;
 
-/// Largest number of lines that are read for one command. `M503` has some 40, and a late command some `busy`.
+/// Largest number of lines that are read of a board that starts.
 const LINES_MAX: usize = 512;
 
 /// Parts of texts without which a motion would have been made.
@@ -36,12 +43,29 @@ const HINDRANCES: [&str; 3] = ["endstops hit", " First", "Printer stopped"];
 const COMPLAINTS_MAX: usize = 16;
 const TEXTS_MAX: usize = 256;
 
+/// Answer to a numbered line.
+enum Answer {
+    /// `ok`.
+    Ok,
+    /// The printer has it already, and asks for the next one.
+    Taken,
+    /// The printer asks for it again.
+    Again,
+    /// The printer restarted.
+    Restarted,
+    /// Nothing.
+    None,
+}
+
 /// The printer's serial line.
 pub(super) struct MarlinPort {
     lines: LineLink,
     link: String,
-    /// Number of the last line that was sent.
+    /// Number of the last line that was sent, and of the last one that was taken.
     number: u64,
+    taken: u64,
+    /// Whether the printer doesn't know the numbers yet.
+    is_new: bool,
     /// Whether an answer may still come to a line that was sent before.
     in_doubt: bool,
     /// Number of the last marker.
@@ -52,8 +76,9 @@ pub(super) struct MarlinPort {
     position: Option<MarlinPosition>,
     /// Whether the last line was an error.
     is_after_error: bool,
-    /// Whether the printer restarted and lost its position.
-    pub restarted: bool,
+    /// How often the printer restarted, and whether it lost its position by that.
+    pub restarts: u64,
+    pub is_lost: bool,
 }
 
 impl MarlinPort {
@@ -62,14 +87,17 @@ impl MarlinPort {
         MarlinPort {
             lines,
             link,
-            number: 0,
+            number: NUMBER_FIRST,
+            taken: NUMBER_FIRST,
+            is_new: true,
             in_doubt: true,
             marker: 0,
             complaints: Vec::new(),
             texts: Vec::new(),
             position: None,
             is_after_error: false,
-            restarted: false,
+            restarts: 0,
+            is_lost: false,
         }
     }
 
@@ -80,7 +108,7 @@ impl MarlinPort {
             return Ok(());
         }
         // the position isn't known, whether the board announces its start or not
-        self.restarted = true;
+        self.restarted();
         let end = Instant::now() + BOOT_MAX;
         let mut until = Instant::now() + BOOT;
         for _ in 0..LINES_MAX {
@@ -99,10 +127,12 @@ impl MarlinPort {
         self.command_of(doing, command, Duration::ZERO, None).await
     }
 
-    /// Sends a command that takes so long, and waits until it is accepted. What comes before that is stored in the port's fields.
+    /// Sends a command that takes so long, and waits until it is taken. What comes before that is stored in the port's fields.
     ///
-    /// If the line was damaged, or its answer was, the port gets in step with the printer and sends the command again. A motion is to an
-    /// absolute place, so that it makes no difference if it was accepted before. A stop ends the attempts.
+    /// If the line was damaged, or its answer was, the same line is sent again with its number. A stop ends the attempts.
+    ///
+    /// # Errors
+    /// The printer restarted, stated once, or it doesn't answer.
     pub(super) async fn command_of(
         &mut self,
         doing: &str,
@@ -110,29 +140,43 @@ impl MarlinPort {
         takes: Duration,
         orders: Option<&MotionOrders>,
     ) -> Result<(), DeviceError> {
+        let restarts = self.restarts;
         self.wake(doing).await?;
+        if self.restarts > restarts {
+            return Err(self.lost(doing));
+        }
+        self.get_in_step(doing).await?;
+        self.send_until_taken(doing, command, takes, orders).await
+    }
+
+    async fn send_until_taken(
+        &mut self,
+        doing: &str,
+        command: &str,
+        takes: Duration,
+        orders: Option<&MotionOrders>,
+    ) -> Result<(), DeviceError> {
+        self.number += 1;
+        let until = Instant::now() + takes + ANSWER_DEADLINE;
         for send in 0..SENDS_MAX {
             if send > 0 && orders.is_some_and(MotionOrders::stopped) {
                 return Ok(()); // what the read-back shows counts
             }
-            if self.in_doubt {
-                self.get_in_step(doing).await?;
-            }
-            self.check_restart(doing)?;
-            self.send(doing, command).await?;
-            if self.is_accepted(doing, takes + AGAIN_AFTER).await? {
-                self.in_doubt = false;
-                return self.check_restart(doing);
+            self.send_numbered(doing, command).await?;
+            let answer = self.answer(doing, until.min(Instant::now() + takes + AGAIN_AFTER), until).await?;
+            self.in_doubt |= !matches!(answer, Answer::Ok);
+            match answer {
+                Answer::Ok | Answer::Taken => {
+                    self.taken = self.number;
+                    return Ok(());
+                }
+                Answer::Restarted => return Err(self.lost(doing)),
+                Answer::Again => self.drain(doing).await?,
+                Answer::None if Instant::now() >= until => break,
+                Answer::None => {}
             }
         }
-        Err(self.error(doing, DeviceProblem::Link(silent(command, takes + AGAIN_AFTER).to_string())))
-    }
-
-    /// Sends a line with the next number. Its answer is in doubt until it has come.
-    async fn send(&mut self, doing: &str, command: &str) -> Result<(), DeviceError> {
-        self.in_doubt = true;
-        self.number += 1;
-        self.send_numbered(doing, command).await
+        Err(self.error(doing, DeviceProblem::Link(silent(command, takes + ANSWER_DEADLINE).to_string())))
     }
 
     async fn send_numbered(&mut self, doing: &str, command: &str) -> Result<(), DeviceError> {
@@ -141,115 +185,146 @@ impl MarlinPort {
         self.lines.send(line.as_bytes(), ANSWER_DEADLINE).await.map_err(|error| self.failed(doing, &error))
     }
 
-    /// Whether the line that was sent last is accepted. It isn't if the printer asks for a line again, or is silent for `wait`.
-    async fn is_accepted(&mut self, doing: &str, wait: Duration) -> Result<bool, DeviceError> {
-        let mut until = Instant::now() + wait;
-        for _ in 0..LINES_MAX {
-            match self.next(doing, until).await? {
-                Some(MarlinReport::Ok) => return Ok(true),
-                None => return Ok(false),
-                Some(report @ MarlinReport::Resend(_)) => {
+    /// Waits for the answer to the line that was sent last. What the printer sends meanwhile makes it wait longer, but not beyond `until`.
+    async fn answer(&mut self, doing: &str, first: Instant, until: Instant) -> Result<Answer, DeviceError> {
+        let (restarts, mut patience) = (self.restarts, first);
+        while let Some(report) = self.next(doing, patience.min(until)).await? {
+            let more = if report == MarlinReport::Busy { BUSY } else { AGAIN_AFTER };
+            patience = patience.max(Instant::now() + more);
+            match report {
+                MarlinReport::Ok => return Ok(Answer::Ok),
+                MarlinReport::Resend(wanted) => {
                     self.keep(report);
-                    return Ok(false);
+                    return Ok(match wanted {
+                        wanted if wanted <= self.taken => {
+                            self.restarted();
+                            Answer::Restarted
+                        }
+                        wanted if wanted > self.number => Answer::Taken,
+                        _ => Answer::Again,
+                    });
                 }
-                Some(report) => {
-                    self.keep(report);
-                    until = until.max(Instant::now() + AGAIN_AFTER); // it is sending
-                    if self.restarted {
-                        return Ok(true); // the caller reports it
-                    }
-                }
+                report => self.keep(report),
+            }
+            if self.restarts > restarts {
+                return Ok(Answer::Restarted);
             }
         }
-        Ok(false)
+        Ok(Answer::None)
     }
 
-    /// Sets the number of the next line, and waits for the echo of a marker: every answer to an earlier line comes before it. A motion
-    /// under way is waited for.
+    /// Reads what has come in. If an answer may be late, waits for the echo of a marker: every answer to an earlier line comes before it. A
+    /// motion under way is waited for.
+    ///
+    /// # Errors
+    /// The printer restarted meanwhile, stated once.
     async fn get_in_step(&mut self, doing: &str) -> Result<(), DeviceError> {
+        let restarts = self.restarts;
+        while let Some(report) = self.next(doing, Instant::now()).await? {
+            self.in_doubt |= report == MarlinReport::Ok; // an answer too many
+            self.keep(report);
+        }
         for _ in 0..SENDS_MAX {
-            self.drain(doing).await?;
-            if self.restarted {
+            if self.restarts > restarts {
+                return Err(self.lost(doing));
+            }
+            if !self.in_doubt {
                 return Ok(());
             }
-            // the number of the line itself is 0
-            self.number = 0;
-            self.send_numbered(doing, "M110 N0").await?;
+            self.drain(doing).await?;
+            if self.is_new {
+                // the line's own number isn't checked, and is the number of the last line from then on
+                self.number += 1;
+                self.send_numbered(doing, &format!("M110 N{}", self.number)).await?;
+            }
             self.marker += 1;
+            self.number += 1;
             let marker = format!("palpate{}", self.marker);
-            self.send(doing, &format!("M118 {marker}")).await?;
-            if self.is_echoed(doing, &marker).await? && self.is_accepted(doing, AGAIN_AFTER).await? {
-                self.in_doubt = false;
-                return Ok(());
+            self.send_numbered(doing, &format!("M118 {marker}")).await?;
+            if self.is_echoed(doing, &marker).await? {
+                (self.taken, self.is_new) = (self.number, false);
+                let until = Instant::now() + AGAIN_AFTER;
+                self.in_doubt = !matches!(self.answer(doing, until, until).await?, Answer::Ok);
+            } else {
+                self.is_new = true; // which numbers the printer knows is in doubt too
             }
         }
-        Err(self.error(doing, DeviceProblem::Link(silent("M118", ANSWER_DEADLINE).to_string())))
+        match self.in_doubt {
+            false => Ok(()),
+            true => Err(self.error(doing, DeviceProblem::Link(silent("M118", ANSWER_DEADLINE).to_string()))),
+        }
     }
 
     async fn is_echoed(&mut self, doing: &str, marker: &str) -> Result<bool, DeviceError> {
-        let mut until = Instant::now() + ANSWER_DEADLINE;
-        for _ in 0..LINES_MAX {
-            match self.next(doing, until).await? {
-                Some(MarlinReport::Text(text)) if text.contains(marker) => return Ok(true),
-                Some(MarlinReport::Busy) => until = until.max(Instant::now() + BUSY),
-                None => return Ok(false),
-                Some(report) => {
-                    let is_refused = matches!(report, MarlinReport::Resend(_));
-                    self.keep(report);
-                    if is_refused {
-                        return Ok(false);
+        let until = Instant::now() + ANSWER_DEADLINE;
+        while let Some(report) = self.next(doing, until).await? {
+            match report {
+                MarlinReport::Text(text) if text.contains(marker) => return Ok(true),
+                MarlinReport::Resend(wanted) => {
+                    if wanted <= self.taken && !self.is_new {
+                        self.restarted();
                     }
+                    self.keep(report);
+                    return Ok(false);
                 }
+                report => self.keep(report),
             }
         }
         Ok(false)
     }
 
-    /// Reads what comes until the line is quiet.
+    /// Reads what comes until the line is quiet, for a second at most.
     async fn drain(&mut self, doing: &str) -> Result<(), DeviceError> {
-        for _ in 0..LINES_MAX {
-            match self.next(doing, Instant::now() + QUIET).await? {
-                Some(report) => self.keep(report),
-                None => break,
-            }
+        let until = Instant::now() + 10 * QUIET;
+        while let Some(report) = self.next(doing, until.min(Instant::now() + QUIET)).await? {
+            self.keep(report);
         }
         Ok(())
     }
 
-    /// Sends a command for a position, and returns the position that was reported before it was accepted.
+    /// Asks for the position, again if its answer is damaged or lost.
     pub(super) async fn position(&mut self, doing: &str) -> Result<MarlinPosition, DeviceError> {
         self.position = None;
-        self.command(doing, "M114").await?;
-        self.position.ok_or_else(|| {
-            let expected = "X, Y, Z and their counted steps, as in `X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:0`";
-            self.error(doing, DeviceProblem::Misfit { answer: self.texts.join(" "), expected: expected.to_owned() })
-        })
+        for _ in 0..SENDS_MAX {
+            self.texts.clear();
+            self.command(doing, "M114").await?;
+            if let Some(position) = self.position {
+                return Ok(position);
+            }
+            self.in_doubt = true;
+        }
+        let expected = "X, Y, Z and their counted steps, as in `X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:0`";
+        let problem = DeviceProblem::Misfit { answer: self.texts.join(" "), expected: expected.to_owned() };
+        Err(self.error(doing, problem))
+    }
+
+    /// Returns the position that was reported since the last call, if one was.
+    pub(super) fn take_position(&mut self) -> Option<MarlinPosition> {
+        self.position.take()
+    }
+
+    fn restarted(&mut self) {
+        self.restarts += 1;
+        (self.is_lost, self.is_new, self.in_doubt) = (true, true, true);
+    }
+
+    /// Returns the error for a place that is lost.
+    pub(super) fn lost(&self, doing: &str) -> DeviceError {
+        self.error(doing, DeviceProblem::Motion("it restarted and lost its position".to_owned()))
     }
 
     pub(super) fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError { device: format!("stage (Marlin at {})", self.link), doing: doing.to_owned(), problem }
     }
 
-    fn check_restart(&self, doing: &str) -> Result<(), DeviceError> {
-        match self.restarted {
-            true => Err(self.error(doing, DeviceProblem::Motion("it restarted and lost its position".to_owned()))),
-            false => Ok(()),
-        }
-    }
-
     async fn next(&mut self, doing: &str, until: Instant) -> Result<Option<MarlinReport>, DeviceError> {
-        for _ in 0..LINES_MAX {
-            match self.lines.next_by(until).await.map_err(|error| self.failed(doing, &error))? {
-                None => return Ok(None),
-                Some(line) => {
-                    // some firmware reports a position on the line of its `ok`
-                    if let Some(MarlinReport::Position(position)) = line.strip_prefix("ok ").and_then(parse_report) {
-                        self.position = Some(position);
-                    }
-                    if let Some(report) = parse_report(&line) {
-                        return Ok(Some(report));
-                    }
-                }
+        while let Some(line) = self.lines.next_by(until).await.map_err(|error| self.failed(doing, &error))? {
+            // some firmware reports a position on the line of its `ok`
+            if let Some(MarlinReport::Position(position)) = line.strip_prefix("ok ").and_then(parse_report) {
+                self.position = Some(position);
+            }
+            if let Some(report) = parse_report(&line) {
+                return Ok(Some(report));
             }
         }
         Ok(None)
@@ -258,7 +333,8 @@ impl MarlinPort {
     fn keep(&mut self, report: MarlinReport) {
         let is_after_error = std::mem::replace(&mut self.is_after_error, matches!(report, MarlinReport::Error(_)));
         let (list, text, most) = match report {
-            MarlinReport::Start => return self.restarted = true,
+            MarlinReport::Start if self.is_new => return, // the same restart
+            MarlinReport::Start => return self.restarted(),
             MarlinReport::Position(position) => return self.position = Some(position),
             // it is about a line, which is sent again
             MarlinReport::Error(text) if text.contains("Last Line") => return self.is_after_error = false,

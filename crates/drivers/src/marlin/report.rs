@@ -30,17 +30,30 @@ pub(super) struct MarlinPosition {
     pub steps: [i64; 3],
 }
 
+/// Texts that a board sends when it starts (Marlin, `MarlinCore.cpp`, `setup`): the cause of the reset, its version and its memory.
+const STARTS: [&str; 8] = [
+    "PowerUp",
+    "External Reset",
+    "Brown out Reset",
+    "Watchdog Reset",
+    "Software Reset",
+    "Last Updated:",
+    "Free Memory:",
+    "PlannerBufferBytes:",
+];
+
 /// Reads a line. Temperatures are nothing.
 pub(super) fn parse_report(line: &str) -> Option<MarlinReport> {
     let number = |text: &str| text.split_whitespace().next()?.parse().ok();
+    // stock 2.0.6 and 2.0.7 send `echo:start`; a board may send bytes before it, and a damaged announcement is followed by these texts
+    if line.ends_with("start") || STARTS.iter().any(|text| line.contains(text)) {
+        return Some(MarlinReport::Start);
+    }
     if line == "ok" || line.starts_with("ok ") {
         return Some(MarlinReport::Ok);
     }
     if let Some(rest) = line.strip_prefix("Resend:").or_else(|| line.strip_prefix("rs ")) {
         return number(rest).map(MarlinReport::Resend);
-    }
-    if line == "start" {
-        return Some(MarlinReport::Start);
     }
     if line.starts_with("echo:busy:") {
         return Some(MarlinReport::Busy);

@@ -4,7 +4,7 @@ use super::port::MarlinPort;
 use super::report::setting;
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrders, Stage, StageUse};
+use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, timeout_at};
 use palpate_link::wire::Connector;
 use std::time::Duration;
@@ -27,9 +27,14 @@ pub struct Marlin {
     link: String,
     usage: Option<StageUse>,
     /// Steps per mm of x, y and z, by `M503`.
-    steps_per_mm: [f64; 3],
-    /// Counted steps at the last read-back, or at the end of the motion that was sent.
-    at: [i64; 3],
+    pub(super) steps_per_mm: [f64; 3],
+    /// Where the axes are, in steps from the rig's zero: kept as differences of counts, because the printer's own count may begin again.
+    pub(super) at: [i64; 3],
+    /// What the printer counted at the last read-back, and what it counts where it calls itself at 0.
+    counted: [i64; 3],
+    zero: [i64; 3],
+    /// Number of the printer's restarts until then.
+    restarts: u64,
     /// What the axes counted when the printer was identified, mm.
     first_mm: [f64; 3],
 }
@@ -38,7 +43,17 @@ impl Marlin {
     /// Creates a printer behind a link; nothing is sent yet. `link` is its name in messages.
     pub fn new(connector: Connector, link: String) -> Self {
         let port = MarlinPort::new(connector, link.clone());
-        Marlin { port, link, usage: None, steps_per_mm: [f64::NAN; 3], at: [0; 3], first_mm: [0.0; 3] }
+        Marlin {
+            port,
+            link,
+            usage: None,
+            steps_per_mm: [f64::NAN; 3],
+            at: [0; 3],
+            counted: [0; 3],
+            zero: [0; 3],
+            restarts: 0,
+            first_mm: [0.0; 3],
+        }
     }
 
     /// Compares the printer's settings with the rig's.
@@ -89,7 +104,7 @@ impl Marlin {
     async fn read_back(&mut self, doing: &str, expected: Duration) -> Result<[f64; 3], DeviceError> {
         self.port.command_of(doing, "M400", expected, None).await?;
         let position = self.port.position(doing).await?;
-        self.at = position.steps;
+        self.take_count(position.steps);
         // once: a later motion away from the specimen must be possible
         let complaints = std::mem::take(&mut self.port.complaints);
         if !complaints.is_empty() {
@@ -99,14 +114,18 @@ impl Marlin {
         let mut at_mm = [0.0; 3];
         for axis in Axis::ALL {
             let (index, name) = (axis.index(), axis.name());
-            let (steps_per_mm, end_mm) = (self.steps_per_mm[index], position.ends_mm[index]);
-            at_mm[index] = position.steps[index] as f64 / steps_per_mm;
+            let step_mm = 1.0 / self.steps_per_mm[index];
+            at_mm[index] = self.at[index] as f64 * step_mm;
+            let (motor_mm, end_mm) =
+                ((position.steps[index] - self.zero[index]) as f64 * step_mm, position.ends_mm[index]);
             // half a step, and the rounding of the report
-            if (at_mm[index] - end_mm).abs() > 0.5 / steps_per_mm + REPORT_ROUNDING_MM {
-                let text = format!("it reports {name} at {end_mm} mm, but its motor is at {:.4} mm", at_mm[index]);
+            if (motor_mm - end_mm).abs() > 0.5 * step_mm + REPORT_ROUNDING_MM {
+                self.zero[index] = position.steps[index] - (end_mm / step_mm).round() as i64; // stated once
+                let text = format!("it reports {name} at {end_mm} mm, but its motor is at {motor_mm:.4} mm");
                 return Err(self.port.error(doing, DeviceProblem::Motion(text)));
             }
-            if let Some(usage) = self.usage.as_ref().filter(|usage| !usage.reach(axis).contains(at_mm[index])) {
+            let known = self.usage.as_ref().filter(|_| !self.port.is_lost);
+            if let Some(usage) = known.filter(|usage| !usage.reach(axis).contains(at_mm[index])) {
                 let reach = usage.reach(axis);
                 let text = format!("{name} is at {:.4} mm, outside {} to {} mm", at_mm[index], reach.min, reach.max);
                 return Err(self.port.error(doing, DeviceProblem::Motion(text)));
@@ -115,48 +134,70 @@ impl Marlin {
         Ok(at_mm)
     }
 
-    /// Returns the end points of the motions that bring the axes to a target, in steps. A shorter way than [`LEAST_STEPS`] first goes
-    /// back, so that it ends in the same direction; along z first away from the specimen, so that it ends toward it.
-    fn legs(&self, to: [i64; 3], away: f64) -> Vec<[i64; 3]> {
-        let way: [i64; 3] = std::array::from_fn(|axis| to[axis] - self.at[axis]);
+    /// Adds to the place what was counted since the last read-back. A printer that restarted counts from 0 again.
+    fn take_count(&mut self, steps: [i64; 3]) {
+        if std::mem::replace(&mut self.restarts, self.port.restarts) == self.port.restarts {
+            (0..3).for_each(|axis| self.at[axis] += steps[axis] - self.counted[axis]);
+        } else {
+            self.zero = [0; 3];
+        }
+        self.counted = steps;
+    }
+
+    /// Returns the displacements that bring the axes along a way, in steps. A shorter one than [`LEAST_STEPS`] first goes back, so that it
+    /// ends in the same direction; along z first away from the specimen, so that it ends toward it.
+    fn legs(way: [i64; 3], away: f64) -> Vec<[i64; 3]> {
         let least = i64::from(LEAST_STEPS);
         match way.iter().map(|steps| steps.abs()).max().unwrap_or(0) {
             0 => Vec::new(),
-            longest if longest >= least => vec![to],
+            longest if longest >= least => vec![way],
             _ => {
-                let mut back = self.at;
+                let mut back = [0; 3];
                 let z = Axis::Z.index();
                 if way[z] != 0 {
                     let away = if away > 0.0 { 1 } else { -1 };
-                    back[z] += away * (least + (away * way[z]).max(0));
+                    back[z] = away * (least + (away * way[z]).max(0));
                 } else {
-                    (0..z).for_each(|axis| back[axis] -= way[axis].signum() * least);
+                    (0..z).for_each(|axis| back[axis] = -way[axis].signum() * least);
                 }
-                vec![back, to]
+                vec![back, std::array::from_fn(|axis| way[axis] - back[axis])]
             }
         }
     }
 
-    /// Sends a motion to whole steps.
+    /// Sends a motion of whole steps from rest. The printer first calls its place 0 and counts in mm, so the motion is the same whatever it
+    /// or somebody else did before: a restart, another zero, relative or absolute coordinates (Marlin documents, G21, G91, G92).
     async fn send_motion(
         &mut self,
         doing: &str,
-        to: [i64; 3],
-        speed_mm_s: f64,
+        way: [i64; 3],
+        (speed_mm_s, is_leaving): (f64, bool),
         orders: &MotionOrders,
     ) -> Result<(), DeviceError> {
-        let way_mm: [f64; 3] = std::array::from_fn(|axis| (to[axis] - self.at[axis]) as f64 / self.steps_per_mm[axis]);
+        self.port.command(doing, "G21").await?;
+        self.port.take_position();
+        self.port.command(doing, "G92 X0 Y0 Z0").await?;
+        let position = match self.port.take_position() {
+            Some(position) => position,
+            None => self.port.position(doing).await?,
+        };
+        // firmware without workspace offsets sets the count too
+        let counts_anew = position.steps == [0; 3] || self.restarts != self.port.restarts;
+        let moved = Axis::ALL.into_iter().find(|axis| position.steps[axis.index()] != self.counted[axis.index()]);
+        (self.counted, self.zero, self.restarts) = (position.steps, position.steps, self.port.restarts);
+        if let Some(axis) = moved.filter(|_| !counts_anew && !is_leaving) {
+            let text = format!("its count of {} changed while it rested: something else moved it", axis.name());
+            return Err(self.port.error(doing, DeviceProblem::Motion(text)));
+        }
+        let way_mm: [f64; 3] = std::array::from_fn(|axis| way[axis] as f64 / self.steps_per_mm[axis]);
         let longest_mm = way_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
         let whole_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
-        let words = Axis::ALL.into_iter().filter(|axis| to[axis.index()] != self.at[axis.index()]).map(|axis| {
-            format!("{}{:.5} ", axis.name().to_uppercase(), to[axis.index()] as f64 / self.steps_per_mm[axis.index()])
-        });
+        let words = Axis::ALL.into_iter().filter(|axis| way[axis.index()] != 0);
+        let words = words.map(|axis| format!("{}{:.5} ", axis.name().to_uppercase(), way_mm[axis.index()]));
         // the feed is along the path; no axis is faster than the speed
         let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
         let line = format!("G1 {}F{feed_mm_min:.3}", words.collect::<String>());
-        self.port.command_of(doing, &line, Duration::ZERO, Some(orders)).await?;
-        self.at = to;
-        Ok(())
+        self.port.command_of(doing, &line, Duration::ZERO, Some(orders)).await
     }
 }
 
@@ -168,7 +209,7 @@ impl Stage for Marlin {
         let doing = "identifying it";
         self.usage = None;
         self.port.wake(doing).await?;
-        self.port.restarted = false;
+        self.port.is_lost = false;
         self.port.texts.clear();
         self.port.command(doing, "M115").await?;
         let texts = std::mem::take(&mut self.port.texts);
@@ -183,6 +224,7 @@ impl Stage for Marlin {
         for command in ["M17", "M84 S0", "M420 S0", "M155 S0", "M220 S100", "G21", "G90"] {
             self.port.command(doing, command).await?;
         }
+        (self.at, self.counted, self.zero, self.restarts) = ([0; 3], [0; 3], [0; 3], self.port.restarts);
         self.first_mm = self.read_back(doing, MOTION_MARGIN).await?;
         Ok(Identity { role: "stage".to_owned(), identity: name, link: self.link.clone(), warnings: Vec::new() })
     }
@@ -197,11 +239,11 @@ impl Stage for Marlin {
                 break;
             }
             let steps = ((piece_mm * self.steps_per_mm[z]).round() as i64).max(i64::from(LEAST_STEPS));
-            let mut to = self.at;
-            to[z] += if usage.away > 0.0 { steps } else { -steps };
-            self.send_motion(doing, to, usage.home_speed_mm_s, orders).await?;
+            let (mut way, from) = ([0; 3], self.at[z]);
+            way[z] = if usage.away > 0.0 { steps } else { -steps };
+            self.send_motion(doing, way, (usage.home_speed_mm_s, true), orders).await?;
             self.read_back(doing, seconds(piece_mm / usage.home_speed_mm_s)).await?;
-            if self.at != to && !orders.stopped() {
+            if self.at[z] != from + way[z] && !orders.stopped() {
                 let text = "z didn't move; does its firmware require a search for home first?".to_owned();
                 return Err(self.port.error(doing, DeviceProblem::Motion(text)));
             }
@@ -229,26 +271,34 @@ impl Stage for Marlin {
         Ok(())
     }
 
-    async fn begin(
-        &mut self,
-        targets: &[(Axis, f64)],
-        speed_mm_s: f64,
-        orders: &MotionOrders,
-    ) -> Result<(), DeviceError> {
+    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
         let doing = "starting a motion";
         let Some(usage) = self.usage.clone() else {
             return Err(self.port.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
         };
-        usage.check(targets).map_err(|problem| self.port.error(doing, problem))?;
-        let mut to = self.at;
-        for (axis, target_mm) in targets {
-            to[axis.index()] = (target_mm * self.steps_per_mm[axis.index()]).round() as i64;
+        usage.check(ways).map_err(|problem| self.port.error(doing, problem))?;
+        let is_leaving = usage.is_leaving(ways);
+        if self.port.is_lost && !is_leaving {
+            return Err(self.port.lost(doing));
         }
-        for leg in self.legs(to, usage.away) {
+        let mut by = [0; 3];
+        for way in ways {
+            let (nth, steps) = (way.axis.index(), self.steps_per_mm[way.axis.index()]);
+            // the counted place is known better than the one that was read back
+            by[nth] = match is_leaving {
+                true => (way.by_mm * steps).round() as i64,
+                false => (way.to_mm() * steps).round() as i64 - self.at[nth],
+            };
+        }
+        let legs = Marlin::legs(by, usage.away);
+        for (nth, leg) in legs.iter().enumerate() {
             if orders.stopped() {
                 return Ok(());
             }
-            self.send_motion(doing, leg, speed_mm_s, orders).await?;
+            if nth > 0 {
+                self.read_back(doing, Duration::ZERO).await?;
+            }
+            self.send_motion(doing, *leg, (speed_mm_s, is_leaving), orders).await?;
         }
         Ok(())
     }

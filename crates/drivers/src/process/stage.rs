@@ -3,7 +3,7 @@
 use super::port::{JsonObject, PREPARE_DEADLINE, ProgramPort};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
-use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Identity, MotionOrders, Stage, StageUse};
+use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, HomeSearch, Identity, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::Connector;
 use serde_json::{Value, json};
@@ -97,14 +97,12 @@ impl Stage for ProcessStage {
         Ok(())
     }
 
-    async fn begin(
-        &mut self,
-        targets: &[(Axis, f64)],
-        speed_mm_s: f64,
-        orders: &MotionOrders,
-    ) -> Result<(), DeviceError> {
-        let to_mm: JsonObject = targets.iter().map(|(axis, mm)| (axis.name().to_owned(), json!(mm))).collect();
-        let request = json!({ "to_mm": to_mm, "speed_mm_s": speed_mm_s });
+    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
+        let of = |mm: fn(&AxisWay) -> f64| -> JsonObject {
+            ways.iter().map(|way| (way.axis.name().to_owned(), json!(mm(way)))).collect()
+        };
+        let request =
+            json!({ "from_mm": of(|way| way.from_mm), "by_mm": of(|way| way.by_mm), "speed_mm_s": speed_mm_s });
         let request = request.as_object().cloned().unwrap_or_default();
         if orders.stopped() {
             return Ok(());

@@ -1,7 +1,7 @@
 //! Drivers of programs against answers from a script.
 
 use super::*;
-use crate::script::{Script, made_ready, scripted, usage};
+use crate::script::{Script, made_ready, scripted, usage, ways};
 use palpate_core::quantity::Axis;
 use palpate_link::device::{LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::Instant;
@@ -45,7 +45,7 @@ async fn stage_is_prepared_moved_and_stopped_as_documented() {
             b"{\"do\":\"status\",\"id\":3}\n",
             b"{\"id\": 3, \"moving\": false, \"position_mm\": {\"x\": 0.0, \"y\": 0, \"z\": 12.5}}\n",
         ),
-        (b"{\"do\":\"move\",\"id\":4,\"speed_mm_s\":1.5,\"to_mm\":{\"z\":-0.25}}\n", b"{\"id\": 4}\n"),
+        (b"{\"by_mm\":{\"z\":-0.25},\"do\":\"move\",\"from_mm\":{\"z\":0.0},\"id\":4,\"speed_mm_s\":1.5}\n", b"{\"id\": 4}\n"),
         (b"{\"do\":\"stop\"}\n", b""),
         (
             b"{\"do\":\"status\",\"id\":5}\n",
@@ -56,7 +56,7 @@ async fn stage_is_prepared_moved_and_stopped_as_documented() {
     let mut stage = ProcessStage::new(link, "script".to_owned(), START);
     let orders = MotionOrders::default();
     assert_eq!(made_ready(&mut stage, &usage(), &orders).await.unwrap().identity, "mine, SN 7");
-    stage.begin(&[(Axis::Z, -0.25)], 1.5, &MotionOrders::default()).await.unwrap();
+    stage.begin(&ways(&[(Axis::Z, -0.25)]), 1.5, &MotionOrders::default()).await.unwrap();
     orders.stop();
     let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(8), &orders).await.unwrap();
     assert_eq!(places_mm, [0.5], "a late answer and what isn't one are passed over");

@@ -120,7 +120,7 @@ fn column_of(rows: [[f64; 3]; 3], column: usize) -> [f64; 3] {
     rows.map(|row| row[column])
 }
 
-fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub(super) fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| a[axis] + b[axis])
 }
 

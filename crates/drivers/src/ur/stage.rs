@@ -1,11 +1,11 @@
 //! The stage: identified without a motion, moved by one program for each motion, watched on its way.
 
-use super::frame::{TaughtFrame, length, longest, minus, sideways_mm};
+use super::frame::{TaughtFrame, length, longest, minus, plus, sideways_mm};
 use super::rtde::{RobotState, Rtde};
 use super::script;
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
-use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
+use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::Instant;
 use palpate_link::wire::{Connector, LineLink, WireError, silent};
 use std::time::Duration;
@@ -263,22 +263,21 @@ impl Ur {
         }
     }
 
-    /// Begins a straight motion to a position of the stage, mm.
-    async fn move_to(
+    /// Begins a straight motion by a vector of the stage, mm.
+    async fn move_by(
         &mut self,
         doing: &str,
-        to_mm: [f64; 3],
+        by_mm: [f64; 3],
         (speed_mm_s, usage): (f64, &StageUse),
         orders: &MotionOrders,
     ) -> Result<(), DeviceError> {
         let started = self.robot.start().await;
         let state = started.map_err(|error| self.failed(doing, &error))?;
-        let way_mm = minus(to_mm, self.at_mm);
-        let is_leaving = way_mm[0] == 0.0 && way_mm[1] == 0.0 && way_mm[2] * usage.away > 0.0;
-        let frame = &self.settings.frame;
-        let [x_mm, y_mm, _] = frame.to_stage(state.at_mm);
+        let is_leaving = by_mm[0] == 0.0 && by_mm[1] == 0.0 && by_mm[2] * usage.away > 0.0;
+        let (to_mm, frame) = (plus(self.at_mm, by_mm), &self.settings.frame);
+        let way_mm = minus(frame.to_base(by_mm), frame.origin_mm());
         // the way out is straight from where the tip is, which isn't where it was sent if the arm gives way
-        let target_mm = frame.to_base(if is_leaving { [x_mm, y_mm, to_mm[2]] } else { to_mm });
+        let target_mm = if is_leaving { plus(state.at_mm, way_mm) } else { frame.to_base(to_mm) };
         self.motion = Some(ArmMotion {
             from_mm: state.at_mm,
             to_mm: target_mm,
@@ -291,15 +290,19 @@ impl Ur {
             self.motion = None; // nothing moves
             return Err(error);
         }
-        let along_path = length(way_mm) / longest(way_mm);
-        if longest(way_mm) == 0.0 || orders.stopped() {
+        let along_path = length(by_mm) / longest(by_mm);
+        if longest(by_mm) == 0.0 || orders.stopped() {
             self.motion = None;
             return Ok(());
         }
-        // speed and acceleration of the rig are those of an axis; on the way out the tool doesn't turn
+        // speed and acceleration of the rig are those of an axis
         let (v, a) = (speed_mm_s * along_path, usage.acceleration_mm_s2 * along_path);
-        let rotation_rad = if is_leaving { state.rotation_rad } else { self.settings.frame.tool_rad() };
-        self.send(doing, |number| script::motion(number, target_mm, rotation_rad, v, a)).await?;
+        let tool_rad = self.settings.frame.tool_rad();
+        self.send(doing, |number| match is_leaving {
+            true => script::displacement(number, way_mm, v, a),
+            false => script::motion(number, target_mm, tool_rad, v, a),
+        })
+        .await?;
         self.at_mm = to_mm;
         let late = "it doesn't begin a program: is it in remote control, and no message on the pendant?";
         self.until(doing, BEGUN_DEADLINE, orders, |own, state| state.begun == own.number, late).await?;
@@ -416,15 +419,13 @@ impl Stage for Ur {
 
     async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
         let doing = "moving z a little";
-        let z = Axis::Z.index();
-        let mut to_mm = self.at_mm;
-        to_mm[z] += usage.away * way_mm;
-        if !usage.travel.along(Axis::Z).contains(to_mm[z]) {
+        let by_mm = [0.0, 0.0, usage.away * way_mm];
+        if !usage.travel.along(Axis::Z).contains(self.at_mm[2] + by_mm[2]) {
             return Ok(false);
         }
         let speed_mm_s = usage.home_speed_mm_s;
         let moved = async {
-            self.move_to(doing, to_mm, (speed_mm_s, usage), orders).await?;
+            self.move_by(doing, by_mm, (speed_mm_s, usage), orders).await?;
             self.ended(doing, Duration::from_secs_f64(way_mm / speed_mm_s), orders).await
         };
         let moved = moved.await;
@@ -457,12 +458,7 @@ impl Stage for Ur {
         Ok(())
     }
 
-    async fn begin(
-        &mut self,
-        targets: &[(Axis, f64)],
-        speed_mm_s: f64,
-        orders: &MotionOrders,
-    ) -> Result<(), DeviceError> {
+    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
         let doing = "starting a motion";
         let Some(usage) = self.usage.clone() else {
             return Err(self.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
@@ -471,12 +467,10 @@ impl Stage for Ur {
             let at_rest = self.ended(doing, Duration::ZERO, orders).await;
             self.at_mm = self.settle(at_rest).await?;
         }
-        usage.check(targets).map_err(|problem| self.error(doing, problem))?;
-        let mut to_mm = self.at_mm;
-        for (axis, target_mm) in targets {
-            to_mm[axis.index()] = *target_mm;
-        }
-        let begun = self.move_to(doing, to_mm, (speed_mm_s, &usage), orders).await;
+        usage.check(ways).map_err(|problem| self.error(doing, problem))?;
+        let mut by_mm = [0.0; 3];
+        ways.iter().for_each(|way| by_mm[way.axis.index()] = way.by_mm);
+        let begun = self.move_by(doing, by_mm, (speed_mm_s, &usage), orders).await;
         self.settle(begun).await
     }
 

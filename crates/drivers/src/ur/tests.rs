@@ -3,7 +3,7 @@
 use super::{RobotLinks, RobotSettings, TaughtFrame, Ur};
 use crate::script::usage;
 use palpate_core::quantity::Axis;
-use palpate_link::device::{MotionOrders, Stage};
+use palpate_link::device::{AxisWay, MotionOrders, Stage};
 use palpate_link::wire::Connector;
 use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
@@ -89,9 +89,14 @@ impl FakeArm {
             return;
         }
         self.ended = numbers[0];
-        if let Some((_, rest)) = program.split_once("movel(p[") {
+        if let Some((motion, rest)) = program.split_once("movel(").and_then(|(_, motion)| motion.split_once("p[")) {
             let pose: Vec<f64> = rest.split(']').next().unwrap().split(',').map(|each| each.parse().unwrap()).collect();
-            self.at_mm = std::array::from_fn(|axis| 1000.0 * pose[axis] - ORIGIN_MM[axis]);
+            let zero_mm = match motion {
+                "" => ORIGIN_MM.map(|mm| -mm),
+                "pose_add(get_actual_tcp_pose(), " => self.at_mm,
+                other => panic!("{other}"),
+            };
+            self.at_mm = std::array::from_fn(|axis| 1000.0 * pose[axis] + zero_mm[axis]);
             self.at_mm[0] += self.off_mm;
             self.force_n += self.rise_n;
         }
@@ -214,7 +219,12 @@ async fn with_arm(first: FakeArm, test: impl AsyncFnOnce(&Arm, &mut Ur, &MotionO
 
 async fn moved(stage: &mut Ur, targets: &[(Axis, f64)], orders: &MotionOrders) -> Result<Vec<f64>, String> {
     let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
-    let begun = stage.begin(targets, 2.0, orders).await;
+    let mut ways = Vec::new();
+    for (axis, to_mm) in targets {
+        let from_mm = stage.position_mm(*axis, orders).await.map_err(|error| error.to_string())?;
+        ways.push(AxisWay::between(*axis, from_mm, *to_mm));
+    }
+    let begun = stage.begin(&ways, 2.0, orders).await;
     begun.map_err(|error| error.to_string())?;
     let ended = stage.follow(&axes, Duration::from_secs(1), orders).await;
     ended.map_err(|error| error.to_string())
@@ -285,7 +295,8 @@ async fn a_stop_replaces_the_program_and_its_end_is_awaited() {
     with_arm(FakeArm::default(), async |arm, stage, _| {
         let orders = MotionOrders::default();
         arm.lock().unwrap().obeys = false;
-        let begin = stage.begin(&[(Axis::Z, -1.0)], 2.0, &orders);
+        let way = [AxisWay::between(Axis::Z, 2.0, -1.0)];
+        let begin = stage.begin(&way, 2.0, &orders);
         let stop = async {
             tokio::time::sleep(Duration::from_millis(100)).await;
             arm.lock().unwrap().obeys = true;

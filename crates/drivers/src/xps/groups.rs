@@ -5,7 +5,7 @@ use super::guard::Armed;
 use super::socket::Socket;
 use super::text::XpsReply;
 use palpate_core::quantity::Axis;
-use palpate_link::device::{DeviceError, MotionOrders};
+use palpate_link::device::{AxisWay, DeviceError, MotionOrders};
 use palpate_link::time::Instant;
 use std::cell::Cell;
 use std::future::poll_fn;
@@ -72,7 +72,7 @@ pub(super) struct DrivenGroup {
 #[derive(Clone, Debug)]
 pub(super) struct GroupMotion {
     pub call: String,
-    pub targets: Vec<(Axis, f64)>,
+    pub ways: Vec<AxisWay>,
     /// Whether this program requested the abort.
     pub aborted: bool,
 }

@@ -2,11 +2,11 @@
 
 use super::CALL_DEADLINE;
 use super::groups::{DrivenGroup, GroupMotion, first_answer};
-use super::stage::{AT_REST_MM, Xps, state};
+use super::stage::{Xps, state};
 use super::text::GroupState;
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
-use palpate_link::device::{DeviceError, DeviceProblem, MotionOrders, Stage};
+use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, MotionOrders, Stage};
 use palpate_link::time::Instant;
 use std::time::Duration;
 
@@ -17,51 +17,23 @@ const TAKEN_DEADLINE: Duration = Duration::from_secs(1);
 const ABORTED: i32 = -27;
 
 impl Xps {
-    /// Returns the motions of the groups that some axes are in: one positioner, or the complete group. A group's other axes stay
-    /// where they were sent.
-    pub(super) async fn motions_to(
-        &mut self,
-        targets: &[(Axis, f64)],
-    ) -> Result<Vec<(usize, GroupMotion)>, DeviceError> {
-        let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
-        let mut motions = Vec::new();
-        for nth in self.groups_of(&axes) {
+    /// Returns the motions of the groups that some axes are in: one positioner, or the complete group, whose other axes don't move.
+    pub(super) fn motions_of(&self, ways: &[AxisWay]) -> Vec<(usize, GroupMotion)> {
+        let axes: Vec<Axis> = ways.iter().map(|way| way.axis).collect();
+        let motion = |nth: usize| {
             let DrivenGroup { name, axes, .. } = &self.groups[nth];
-            let (name, axes) = (name.clone(), axes.clone());
-            let own: Vec<_> = targets.iter().copied().filter(|(axis, _)| axes.contains(axis)).collect();
+            let own: Vec<AxisWay> = ways.iter().copied().filter(|way| axes.contains(&way.axis)).collect();
             let call = match own[..] {
-                [(axis, target_mm)] => format!("GroupMoveAbsolute({},{target_mm:.6})", self.positioner(axis)),
+                [way] => format!("GroupMoveRelative({},{:.6})", self.positioner(way.axis), way.by_mm),
                 _ => {
-                    let mut places = String::new();
-                    for axis in axes {
-                        let target = own.iter().find(|(other, _)| *other == axis).map(|(_, target_mm)| *target_mm);
-                        let place_mm = match target.or(self.sent_mm[axis.index()]) {
-                            Some(place_mm) => place_mm,
-                            None => self.rest_mm(axis).await?,
-                        };
-                        places += &format!(",{place_mm:.6}");
-                    }
-                    format!("GroupMoveAbsolute({name}{places})")
+                    let by_mm = |axis: &Axis| own.iter().find(|way| way.axis == *axis).map_or(0.0, |way| way.by_mm);
+                    let all: String = axes.iter().map(|axis| format!(",{:.6}", by_mm(axis))).collect();
+                    format!("GroupMoveRelative({name}{all})")
                 }
             };
-            motions.push((nth, GroupMotion { call, targets: own, aborted: false }));
-        }
-        Ok(motions)
-    }
-
-    /// Returns the position of an axis that was stopped before its target. Two answers must agree, because the axis is commanded
-    /// to stay there.
-    async fn rest_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
-        let doing = "reading the position of an axis";
-        let alone = MotionOrders::default();
-        let (first_mm, again_mm) =
-            (self.place_mm(doing, axis, &alone).await?, self.place_mm(doing, axis, &alone).await?);
-        if (first_mm - again_mm).abs() > AT_REST_MM {
-            let text =
-                format!("{} is at {first_mm} mm and then at {again_mm} mm, although it doesn't move", axis.name());
-            return Err(self.error(doing, DeviceProblem::Motion(text)));
-        }
-        Ok(first_mm)
+            (nth, GroupMotion { call, ways: own, aborted: false })
+        };
+        self.groups_of(&axes).into_iter().map(motion).collect()
     }
 
     /// Sends motions, one to each group, and waits until each group moves or has moved. A stop during this time is sent at once.
@@ -86,7 +58,6 @@ impl Xps {
             if orders.stopped() {
                 break;
             }
-            motion.targets.iter().for_each(|(axis, _)| self.sent_mm[axis.index()] = None);
             let group = &mut self.groups[nth];
             group.moves.begin(doing, &motion.call, CALL_DEADLINE).await?;
             group.under_way = Some(motion);
@@ -126,10 +97,7 @@ impl Xps {
         let group = &mut self.groups[nth];
         let Some(motion) = group.under_way.take() else { return Ok(()) };
         match code {
-            0 => {
-                motion.targets.iter().for_each(|(axis, target_mm)| self.sent_mm[axis.index()] = Some(*target_mm));
-                Ok(())
-            }
+            0 => Ok(()),
             ABORTED if motion.aborted => Ok(()),
             ABORTED => {
                 let problem = match group.armed.take() {
@@ -200,7 +168,7 @@ impl Xps {
         }
     }
 
-    /// Continues toward the same targets at another speed, with new motions. An S-gamma motion keeps its initial speed.
+    /// Makes what is left of the motions at another speed, with new ones. An S-gamma motion keeps its initial speed.
     pub(super) async fn change_speed(
         &mut self,
         which: &[usize],
@@ -208,17 +176,20 @@ impl Xps {
         orders: &MotionOrders,
     ) -> Result<(), DeviceError> {
         let motions = which.iter().filter_map(|&nth| self.groups[nth].under_way.as_ref());
-        let targets: Vec<_> = motions.flat_map(|motion| motion.targets.clone()).collect();
-        if targets.is_empty() {
+        let ways: Vec<AxisWay> = motions.flat_map(|motion| motion.ways.clone()).collect();
+        if ways.is_empty() {
             return Ok(());
         }
         self.abort(which).await?;
-        let until = Instant::now() + MOTION_MARGIN;
-        self.until_ended(which, "changing a speed", until, &MotionOrders::default()).await?;
-        for (axis, _) in &targets {
-            self.shape(*axis, mm_s, orders).await?;
+        let (doing, until) = ("changing a speed", Instant::now() + MOTION_MARGIN);
+        self.until_ended(which, doing, until, &MotionOrders::default()).await?;
+        let mut left = Vec::with_capacity(ways.len());
+        for way in ways {
+            self.shape(way.axis, mm_s, orders).await?;
+            let at_mm = self.place_mm(doing, way.axis, orders).await?;
+            left.push(AxisWay::between(way.axis, at_mm, way.to_mm()));
         }
-        let motions = self.motions_to(&targets).await?;
+        let motions = self.motions_of(&left);
         self.start(motions, orders).await
     }
 

@@ -1,11 +1,11 @@
 //! Preparation of the groups of an XPS: initialised, homed, within the rig's travel.
 
 use super::CALL_DEADLINE;
-use super::stage::{AT_REST_MM, Xps};
+use super::stage::Xps;
 use super::text::{GroupState, XpsReply};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{DeviceError, DeviceProblem, MotionOrder, MotionOrders, Stage, StageUse};
+use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep};
 use std::time::Duration;
 
@@ -19,6 +19,9 @@ const BETWEEN: Duration = Duration::from_millis(50);
 const AWAY_MM: f64 = 0.1;
 
 /// Preparation before the first motion: groups that are ready, and limits that agree with the rig's.
+/// Largest difference of two limits of a travel that are the same, mm.
+const SAME_LIMIT_MM: f64 = 0.001;
+
 impl Xps {
     /// Makes a group able to move and checks its axes.
     pub(super) async fn prepare(
@@ -83,9 +86,9 @@ impl Xps {
     /// have been homed before, and z may be in contact. If z isn't at its target, nothing moves sideways.
     async fn clear_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
         let end_mm = usage.travel.along(Axis::Z).end(usage.away);
-        let way_mm = (end_mm - self.position_mm(Axis::Z, orders).await?).abs();
-        self.begin(&[(Axis::Z, end_mm)], usage.home_speed_mm_s, orders).await?;
-        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), orders).await?;
+        let way = AxisWay::between(Axis::Z, self.position_mm(Axis::Z, orders).await?, end_mm);
+        self.begin(&[way], usage.home_speed_mm_s, orders).await?;
+        self.follow(&[Axis::Z], seconds(way.by_mm.abs() / usage.home_speed_mm_s), orders).await?;
         let at_mm = self.position_mm(Axis::Z, &MotionOrders::default()).await?;
         if (at_mm - end_mm).abs() > AWAY_MM {
             let text = format!("z was commanded to {end_mm:.4} mm but is at {at_mm:.4} mm");
@@ -146,7 +149,7 @@ impl Xps {
         }
         let read = format!("PositionerUserTravelLimitsGet({positioner},double *,double *)");
         let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
-        if travel.min < least_mm - AT_REST_MM || travel.max > most_mm + AT_REST_MM {
+        if travel.min < least_mm - SAME_LIMIT_MM || travel.max > most_mm + SAME_LIMIT_MM {
             let text = format!(
                 "{positioner} goes from {least_mm} to {most_mm} mm, but the rig's travel is {} to {} mm",
                 travel.min, travel.max
@@ -156,7 +159,7 @@ impl Xps {
         let set = format!("PositionerUserTravelLimitsSet({positioner},{},{})", travel.min, travel.max);
         self.ask(doing, &set).await?;
         let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
-        if (least_mm - travel.min).abs().max((most_mm - travel.max).abs()) > AT_REST_MM {
+        if (least_mm - travel.min).abs().max((most_mm - travel.max).abs()) > SAME_LIMIT_MM {
             let text = format!("{positioner} was limited to the rig's travel but reports {least_mm} to {most_mm} mm");
             return Err(self.error(doing, DeviceProblem::Mismatch(text)));
         }

@@ -7,16 +7,13 @@ use super::socket::Socket;
 use super::text::{GroupState, group_state, number_in};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
+use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::Connector;
 use std::time::Duration;
 
 /// Interval of questions for a group's status while waiting for something that no socket reports (EPICS: 10 ms).
 const STATUS_EVERY: Duration = Duration::from_millis(10);
-
-/// Largest difference of two read-backs of an axis at rest, mm.
-pub(super) const AT_REST_MM: f64 = 0.001;
 
 /// One to three groups of an XPS as a stage.
 pub struct Xps {
@@ -32,8 +29,6 @@ pub struct Xps {
     pub(super) acceleration_mm_s2: f64,
     /// Speed, acceleration and jerk times that are set in each positioner: mm/s, mm/s^2, s, s.
     pub(super) profiles: [[f64; 4]; 3],
-    /// Position to which each axis was last sent and at which it arrived, mm. `None` if the axis was stopped before arrival.
-    pub(super) sent_mm: [Option<f64>; 3],
 }
 
 impl Xps {
@@ -49,8 +44,8 @@ impl Xps {
             groups.push(DrivenGroup { name, axes, moves, armed: None, under_way: None });
         }
         let brakes = Brakes { groups: brakes };
-        let (usage, profiles, sent_mm) = (None, [[0.0; 4]; 3], [None; 3]);
-        Xps { asks, brakes, groups, grouping, guard, link, usage, acceleration_mm_s2: 0.0, profiles, sent_mm }
+        let (usage, profiles) = (None, [[0.0; 4]; 3]);
+        Xps { asks, brakes, groups, grouping, guard, link, usage, acceleration_mm_s2: 0.0, profiles }
     }
 
     pub(super) fn positioner(&self, axis: Axis) -> String {
@@ -200,11 +195,12 @@ impl Stage for Xps {
         // an XPS refuses motions of a group that isn't homed
         self.prepare(0, usage, orders).await?;
         let end_mm = usage.travel.along(Axis::Z).end(usage.away);
-        let target_mm = self.position_mm(Axis::Z, orders).await? + usage.away * way_mm;
-        if (target_mm - end_mm) * usage.away > 0.0 {
+        let way =
+            AxisWay { axis: Axis::Z, from_mm: self.position_mm(Axis::Z, orders).await?, by_mm: usage.away * way_mm };
+        if (way.to_mm() - end_mm) * usage.away > 0.0 {
             return Ok(false);
         }
-        self.begin(&[(Axis::Z, target_mm)], usage.home_speed_mm_s, orders).await?;
+        self.begin(&[way], usage.home_speed_mm_s, orders).await?;
         self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), orders).await?;
         Ok(true)
     }
@@ -229,24 +225,19 @@ impl Stage for Xps {
         Ok(())
     }
 
-    async fn begin(
-        &mut self,
-        targets: &[(Axis, f64)],
-        speed_mm_s: f64,
-        orders: &MotionOrders,
-    ) -> Result<(), DeviceError> {
+    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
         // a group takes one motion at a time; the current one ends at a safe point
         let until = Instant::now() + MOTION_MARGIN;
-        let which = self.groups_of(&targets.iter().map(|(axis, _)| *axis).collect::<Vec<_>>());
+        let which = self.groups_of(&ways.iter().map(|way| way.axis).collect::<Vec<_>>());
         while self.until_ended(&which, "waiting for the previous motion", until, orders).await?.is_none() {
             if orders.stopped() && orders.take().is_some() {
                 self.stop().await?;
             }
         }
-        for (axis, _) in targets {
-            self.shape(*axis, speed_mm_s, orders).await?;
+        for way in ways {
+            self.shape(way.axis, speed_mm_s, orders).await?;
         }
-        let motions = self.motions_to(targets).await?;
+        let motions = self.motions_of(ways);
         self.start(motions, orders).await
     }
 

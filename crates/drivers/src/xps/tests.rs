@@ -1,7 +1,7 @@
 //! The XPS driver against answers from a script.
 
 use super::*;
-use crate::script::{Script, made_ready, scripted, unused, usage};
+use crate::script::{Script, made_ready, scripted, unused, usage, ways};
 use palpate_core::quantity::Axis;
 use palpate_link::device::{DeviceProblem, LoadCell, MotionOrders, Stage};
 use palpate_link::time::Instant;
@@ -127,7 +127,7 @@ async fn group_that_may_not_home_does_not_move() {
 async fn a_motion_is_shaped_begun_and_ends_with_its_late_answer() {
     let (mut stage, devices) = stage(
         [
-            &[(b"GroupMoveAbsolute(XYZ.Z,-1.250000)", b""), (b"", b"0,,EndOfAPI")],
+            &[(b"GroupMoveRelative(XYZ.Z,-1.250000)", b""), (b"", b"0,,EndOfAPI")],
             &[
                 (b"PositionerSGammaParametersSet(XYZ.Z,1.500000,0.000000,0,0)", b"0,,EndOfAPI"),
                 (b"GroupStatusGet(XYZ,int *)", b"0,44,EndOfAPI"),
@@ -137,7 +137,7 @@ async fn a_motion_is_shaped_begun_and_ends_with_its_late_answer() {
         ],
         None,
     );
-    stage.begin(&[(Axis::Z, -1.25)], 1.5, &MotionOrders::default()).await.unwrap();
+    stage.begin(&ways(&[(Axis::Z, -1.25)]), 1.5, &MotionOrders::default()).await.unwrap();
     let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(900), &MotionOrders::default()).await.unwrap();
     assert_eq!(places_mm, [-1.25]);
     done(stage, devices).await;
@@ -147,7 +147,7 @@ async fn a_motion_is_shaped_begun_and_ends_with_its_late_answer() {
 async fn a_target_out_of_range_is_refused_in_the_controllers_words() {
     let (mut stage, devices) = stage(
         [
-            &[(b"GroupMoveAbsolute(XYZ.Z,380.000000)", b"-17,GroupMoveAbsolute(XYZ.Z,380.000000),EndOfAPI")],
+            &[(b"GroupMoveRelative(XYZ.Z,380.000000)", b"-17,GroupMoveRelative(XYZ.Z,380.000000),EndOfAPI")],
             &[
                 (b"PositionerSGammaParametersSet(XYZ.Z,1.500000,0.000000,0,0)", b"0,,EndOfAPI"),
                 (b"GroupStatusGet(XYZ,int *)", b"0,12,EndOfAPI"),
@@ -156,8 +156,8 @@ async fn a_target_out_of_range_is_refused_in_the_controllers_words() {
         ],
         None,
     );
-    let text = stage.begin(&[(Axis::Z, 380.0)], 1.5, &MotionOrders::default()).await.unwrap_err().to_string();
-    assert!(text.contains("error -17 (parameter out of range) to GroupMoveAbsolute(XYZ.Z,380.000000)"), "{text}");
+    let text = stage.begin(&ways(&[(Axis::Z, 380.0)]), 1.5, &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("error -17 (parameter out of range) to GroupMoveRelative(XYZ.Z,380.000000)"), "{text}");
     done(stage, devices).await;
 }
 
@@ -165,7 +165,7 @@ async fn a_target_out_of_range_is_refused_in_the_controllers_words() {
 async fn stop_uses_its_own_socket_and_motion_ends_with_code_27() {
     let (mut stage, devices) = stage(
         [
-            &[(b"GroupMoveAbsolute(XYZ.Z,-1.250000)", b""), (b"", b"-27,GroupMoveAbsolute(XYZ.Z,-1.250000),EndOfAPI")],
+            &[(b"GroupMoveRelative(XYZ.Z,-1.250000)", b""), (b"", b"-27,GroupMoveRelative(XYZ.Z,-1.250000),EndOfAPI")],
             &[
                 (b"PositionerSGammaParametersSet(XYZ.Z,1.500000,0.000000,0,0)", b"0,,EndOfAPI"),
                 (b"GroupStatusGet(XYZ,int *)", b"0,44,EndOfAPI"),
@@ -175,7 +175,7 @@ async fn stop_uses_its_own_socket_and_motion_ends_with_code_27() {
         ],
         None,
     );
-    stage.begin(&[(Axis::Z, -1.25)], 1.5, &MotionOrders::default()).await.unwrap();
+    stage.begin(&ways(&[(Axis::Z, -1.25)]), 1.5, &MotionOrders::default()).await.unwrap();
     let orders = MotionOrders::default();
     orders.stop();
     let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(900), &orders).await.unwrap();
@@ -188,7 +188,7 @@ async fn unrequested_abort_is_attributed_to_an_armed_guard() {
     let guard = Guard { input: "GPIO2.ADC1".to_owned(), newton_per_volt: 0.5 };
     let (mut stage, devices) = stage(
         [
-            &[(b"GroupMoveAbsolute(XYZ.Z,-1.250000)", b""), (b"", b"-27,GroupMoveAbsolute(XYZ.Z,-1.250000),EndOfAPI")],
+            &[(b"GroupMoveRelative(XYZ.Z,-1.250000)", b""), (b"", b"-27,GroupMoveRelative(XYZ.Z,-1.250000),EndOfAPI")],
             &[
                 (
                     b"EventExtendedConfigurationTriggerSet(GPIO2.ADC1.ADCHighLimit,4.100000,0,0,0,\
@@ -205,7 +205,7 @@ async fn unrequested_abort_is_attributed_to_an_armed_guard() {
         Some(guard),
     );
     stage.guard(Some(2.05)).await.unwrap();
-    stage.begin(&[(Axis::Z, -1.25)], 1.5, &MotionOrders::default()).await.unwrap();
+    stage.begin(&ways(&[(Axis::Z, -1.25)]), 1.5, &MotionOrders::default()).await.unwrap();
     let error = stage.follow(&[Axis::Z], Duration::from_millis(900), &MotionOrders::default()).await.unwrap_err();
     assert!(matches!(error.problem, DeviceProblem::Guarded { limit_n } if limit_n == 2.05), "{error}");
     done(stage, devices).await;

@@ -11,7 +11,7 @@ pub use error::{DeviceError, DeviceProblem};
 pub use orders::{MotionOrder, MotionOrders};
 pub use palpate_core::quantity::{Identity, SHOWN_MAX_CHARS, shown};
 
-use palpate_core::quantity::{Axis, ForceReading, Range, StageAbilities, Steps, Travel};
+use palpate_core::quantity::{Axis, ForceReading, Range, StageAbilities, Steps, Travel, round};
 use std::future::Future;
 use std::time::Duration;
 
@@ -64,17 +64,56 @@ impl StageUse {
         self.travel.along(axis).widened(BEYOND_MM)
     }
 
-    /// Checks that all targets are within the travel.
+    /// Checks that all ways end within the travel. The way out of a contact is always open.
     ///
     /// # Errors
-    /// The target that isn't.
-    pub fn check(&self, targets: &[(Axis, f64)]) -> Result<(), DeviceProblem> {
-        match targets.iter().find(|(axis, target_mm)| !self.travel.along(*axis).contains(*target_mm)) {
+    /// The end that isn't.
+    pub fn check(&self, ways: &[AxisWay]) -> Result<(), DeviceProblem> {
+        if self.is_leaving(ways) {
+            return Ok(());
+        }
+        match ways.iter().find(|way| !self.travel.along(way.axis).contains(way.to_mm())) {
             None => Ok(()),
-            Some((axis, target_mm)) => {
-                Err(DeviceProblem::Motion(format!("{} at {target_mm} mm is outside the rig's travel", axis.name())))
+            Some(way) => {
+                let (name, to_mm) = (way.axis.name(), way.to_mm());
+                Err(DeviceProblem::Motion(format!("{name} at {to_mm} mm is outside the rig's travel")))
             }
         }
+    }
+
+    /// Whether a motion only leads away from the specimen.
+    pub fn is_leaving(&self, ways: &[AxisWay]) -> bool {
+        ways.iter().all(|way| way.by_mm == 0.0 || (way.axis == Axis::Z && way.by_mm * self.away > 0.0))
+    }
+}
+
+/// Displacement of an axis in a motion.
+///
+/// A controller gets the displacement and never a place, because a controller that restarted, or that somebody else gave another zero,
+/// would go somewhere else.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisWay {
+    /// The axis.
+    pub axis: Axis,
+    /// Where it rests, by the read-backs until now, mm.
+    pub from_mm: f64,
+    /// How far it goes, mm.
+    pub by_mm: f64,
+}
+
+/// Decimals of places and displacements. Displacements between rounded places add up without an error.
+const WAY_DECIMALS: i32 = 5;
+
+impl AxisWay {
+    /// Returns the way from one place to another, mm.
+    pub fn between(axis: Axis, from_mm: f64, to_mm: f64) -> Self {
+        let by_mm = round(round(to_mm, WAY_DECIMALS) - round(from_mm, WAY_DECIMALS), WAY_DECIMALS);
+        AxisWay { axis, from_mm, by_mm }
+    }
+
+    /// Where it ends, mm.
+    pub fn to_mm(&self) -> f64 {
+        self.from_mm + self.by_mm
     }
 }
 
@@ -118,12 +157,14 @@ pub trait Stage {
     /// Resets learned timing at the start of a press.
     fn forget_timing(&mut self) {}
 
-    /// Starts axes toward targets, each at most at `speed_mm_s`. When this function returns, the controller has accepted the
+    /// Starts axes on their ways, each at most at `speed_mm_s`. When this function returns, the controller has accepted the
     /// command and finishes it independently: the motion began just now. A stop that is ordered during the call is sent at
     /// once. If the stop was requested before the call, the axes don't move.
+    ///
+    /// A motion is sent once, as displacements. A way out of a contact is accepted even if the place is lost.
     fn begin(
         &mut self,
-        targets: &[(Axis, f64)],
+        ways: &[AxisWay],
         speed_mm_s: f64,
         orders: &MotionOrders,
     ) -> impl Future<Output = Result<(), DeviceError>>;

@@ -35,6 +35,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let end = Place::new(self.place.x_mm + x_mm, self.place.y_mm + y_mm);
         let target = self.frame.to_stage(end, self.z_mm);
         let targets = [Axis::X, Axis::Y].map(|axis| (axis, target.along(axis)));
+        let ways = self.ways_to(&targets);
         // the stage knows the speed of its fastest axis
         let longest_mm = way_mm(self.place, end);
         let speed_mm_s = (speed_mm_s * longest_mm / granted.drag().way_mm()).min(self.usage.speed_mm_s);
@@ -50,7 +51,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let places_mm = {
             let stage = &mut self.stage;
             let motion = pin!(async {
-                stage.begin(&targets, speed_mm_s, &orders).await?;
+                stage.begin(&ways, speed_mm_s, &orders).await?;
                 Ok(stage.follow(&[Axis::X, Axis::Y], expected, &orders).await?)
             });
             let steer = |watched_cell: &mut WatchedLoadCell<'_, C>, force_n: f64| {

@@ -10,7 +10,7 @@ use crate::rig::{Home, HomeSide, OpenRig, RigSpec};
 use palpate_control::{MotionContext, Permit, Reaction, SafetyRule, Steer, Trip, Watch, Zero, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{
-    DeviceError, HomeSearch, Identity, Instruments, LoadCell, MotionOrders, SensorArray, Stage, StageUse,
+    AxisWay, DeviceError, HomeSearch, Identity, Instruments, LoadCell, MotionOrders, SensorArray, Stage, StageUse,
 };
 use palpate_link::time::{Instant, sleep, timeout};
 use std::cell::Cell;
@@ -160,7 +160,7 @@ pub async fn retract(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<Retra
                 let longest = seconds((z.max - z.min) / usage.home_speed_mm_s);
                 let at_mm = stage.position_mm(Axis::Z, orders).await?;
                 if (top_mm - at_mm) * usage.away > 0.0 {
-                    stage.begin(&[(Axis::Z, top_mm)], usage.home_speed_mm_s, orders).await?;
+                    stage.begin(&[AxisWay::between(Axis::Z, at_mm, top_mm)], usage.home_speed_mm_s, orders).await?;
                     stage.follow(&[Axis::Z], longest, orders).await?;
                 }
                 Ok(())

@@ -6,7 +6,7 @@ use super::rig_control::{OUTPUTS_ON_THE_WAY, RigControl, WatchedLoadCell};
 use super::window::OutputMeans;
 use palpate_control::{ForceLoop, MotionProfile, Permit, Permitted, STALE_S, SafetyRule, Sideways, Steer, Trip};
 use palpate_core::quantity::{Axis, Place, Range, seconds};
-use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, MotionOrders, SensorArray, Stage};
+use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, sleep_until, timeout};
 use std::cell::Cell;
 use std::pin::pin;
@@ -118,10 +118,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         // a slow cell shows the contact long after z has left it
         let heard_s = self.timing.settle_s + CONVERSIONS_HEARD * self.timing.conversion_s;
         let ends_after = seconds(retraction.duration_s() + heard_s);
+        let up = AxisWay::between(Axis::Z, self.stage_z_mm(self.z_mm), target_mm);
+        let sideways_ways = self.ways_to(&sideways);
         let stage = &mut self.stage;
         // pinned where it is: it is large, and moving it into the next would copy it
         let motion = Box::pin(async {
-            stage.begin(&[(Axis::Z, target_mm)], granted.speed_mm_s(), &orders).await?;
+            stage.begin(&[up], granted.speed_mm_s(), &orders).await?;
             let begun = Instant::now();
             due.set(Some(begun + due_after));
             tokio::select! {
@@ -136,7 +138,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
                 match permit.sideways(z_mm, first_mm, force_n.get()) {
                     Ok(leave) if !orders.stopped() => {
                         clear.set(true);
-                        begin_sideways(stage, leave, &sideways, speed_mm_s, &orders).await?;
+                        begin_sideways(stage, leave, &sideways_ways, speed_mm_s, &orders).await?;
                         due.set(Some(Instant::now() + seconds(travel_s)));
                         refused = None;
                         break;
@@ -257,10 +259,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let due_after = expected.mul_f64(1.0 + LATE_SHARE) + seconds(self.usage.abilities.late_s);
         let begun = Cell::new(Instant::now());
         let (orders, due) = (MotionOrders::default(), Cell::new(Some(begun.get() + due_after)));
-        let ends = Cell::new(None);
+        let (ends, ways) = (Cell::new(None), self.ways_to(targets));
         let stage = &mut self.stage;
         let motion = pin!(async {
-            stage.begin(targets, speed_mm_s, &orders).await?;
+            stage.begin(&ways, speed_mm_s, &orders).await?;
             ends.set(Some(Instant::now() + expected));
             begun.set(Instant::now());
             Ok(stage.follow(&axes, expected, &orders).await?)
@@ -346,6 +348,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         Err(lost(missed(axis, (position_mm, target_mm, most_mm), &self.stage.complaints().await?)))
     }
 
+    /// Returns the ways of axes to their targets, from where the stage was sent or read back last, mm.
+    pub(super) fn ways_to(&self, targets: &[(Axis, f64)]) -> Vec<AxisWay> {
+        let here = self.frame.to_stage(self.place, self.z_mm);
+        targets.iter().map(|(axis, target_mm)| AxisWay::between(*axis, here.along(*axis), *target_mm)).collect()
+    }
+
     pub(super) fn stage_z_mm(&self, z_mm: f64) -> f64 {
         self.frame.to_stage(self.place, z_mm).z_mm
     }
@@ -429,11 +437,11 @@ async fn with_outputs<A: SensorArray, T>(
 async fn begin_sideways<S: Stage>(
     stage: &mut S,
     _leave: Sideways,
-    targets: &[(Axis, f64)],
+    ways: &[AxisWay],
     speed_mm_s: f64,
     orders: &MotionOrders,
 ) -> Result<(), DeviceError> {
-    stage.begin(targets, speed_mm_s, orders).await
+    stage.begin(ways, speed_mm_s, orders).await
 }
 
 /// Longer of the distances in x and y, mm.

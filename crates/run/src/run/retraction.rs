@@ -4,7 +4,7 @@ use super::Halt;
 use super::rig_control::{RigControl, WatchedLoadCell};
 use palpate_control::{MotionProfile, SafetyRule, Trip, check_sound};
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{LoadCell, MotionOrders, SensorArray, Stage};
+use palpate_link::device::{AxisWay, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, timeout};
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -158,11 +158,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     async fn retract_once(&mut self, z_mm: f64, is_watched: bool) -> Result<(), Halt> {
         let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
         let speed_mm_s = self.usage.speed_mm_s;
-        let profile = MotionProfile::new(target_mm - from_mm, speed_mm_s, self.usage.acceleration_mm_s2);
+        let way = AxisWay::between(Axis::Z, from_mm, target_mm);
+        let profile = MotionProfile::new(way.by_mm, speed_mm_s, self.usage.acceleration_mm_s2);
         let orders = MotionOrders::default();
         let RigControl { stage, cell, .. } = self;
         let motion = async {
-            stage.begin(&[(Axis::Z, target_mm)], speed_mm_s, &orders).await?;
+            stage.begin(&[way], speed_mm_s, &orders).await?;
             Ok(stage.follow(&[Axis::Z], seconds(profile.duration_s()), &orders).await?)
         };
         let places_mm = if is_watched { unless_it_rises(cell, motion, &orders).await? } else { motion.await? };

@@ -8,7 +8,7 @@ use palpate_core::quantity::{
     Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, StageAbilities, Steps, Travel,
 };
 use palpate_link::device::{
-    DeviceError, HomeSearch, Identity, Instruments, LoadCell, MotionOrders, SensorArray, Stage, StageUse,
+    AxisWay, DeviceError, HomeSearch, Identity, Instruments, LoadCell, MotionOrders, SensorArray, Stage, StageUse,
 };
 use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::Claims;
@@ -30,10 +30,10 @@ impl Stage for StrawStage<'_> {
     async fn home(&mut self, _: &StageUse, _: &MotionOrders) -> Result<(), DeviceError> {
         unreachable!("the hand gets it prepared")
     }
-    async fn begin(&mut self, targets: &[(Axis, f64)], _: f64, _: &MotionOrders) -> Result<(), DeviceError> {
-        for (axis, target_mm) in targets {
-            self.text.borrow_mut().push(format!("{} to {target_mm}", axis.name()));
-            self.at_mm[axis.index()] = *target_mm;
+    async fn begin(&mut self, ways: &[AxisWay], _: f64, _: &MotionOrders) -> Result<(), DeviceError> {
+        for way in ways {
+            self.text.borrow_mut().push(format!("{} to {}", way.axis.name(), way.to_mm()));
+            self.at_mm[way.axis.index()] = way.to_mm();
         }
         Ok(())
     }

@@ -103,10 +103,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let expected = seconds(MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s());
         let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
         let (orders, over) = (MotionOrders::default(), Notify::new());
+        let ways = self.ways_to(targets);
         let RigControl { stage, array, usage, .. } = self;
         let late = seconds(usage.abilities.late_s);
         let motion = async {
-            stage.begin(targets, speed_mm_s, &orders).await?;
+            stage.begin(&ways, speed_mm_s, &orders).await?;
             let begun = Instant::now();
             let silent = async {
                 loop {

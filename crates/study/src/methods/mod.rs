@@ -18,8 +18,8 @@ pub use covered::STATED_PERCENT;
 pub use failures::failures;
 pub use figures::{budget_figures, budget_figures_of, coverage_figures, failure_figures, speed_accuracy_figures};
 pub use recorded::{of_run, of_tables};
-pub use specimen::NoiseReference;
-pub use speed_accuracy::{MethodTrial, speed_accuracy};
+pub use specimen::{KnownReadings, NoiseReference};
+pub use speed_accuracy::{AnswerTimer, MethodTrial, speed_accuracy};
 pub(crate) use trial::CRAMER_RAO;
 pub use trial::{MethodRow, StudiedMethod, Tally};
 

@@ -8,7 +8,7 @@ use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::round;
 use palpate_core::quantity::{ArrayLayout, stream};
 use palpate_data::dataset::evaluate::ns_per_solve;
-use palpate_solver::{BEST, Calibration, Setting};
+use palpate_solver::{BEST, Calibration, Model, Setting};
 
 /// Data for calibrating and testing methods.
 #[derive(Clone, Debug)]
@@ -54,8 +54,15 @@ impl MethodTrial {
     }
 }
 
-/// Calibrates every method on each trial, solves its test and measures the time.
-pub fn speed_accuracy(trials: &[MethodTrial], on_progress: OnProgress<'_>) -> Vec<MethodRow> {
+/// Measures the time of an answer of a model, ns, as a user gets it: with reading its line and writing the answer.
+pub type AnswerTimer<'a> = &'a dyn Fn(Model, &KnownReadings) -> Option<f64>;
+
+/// Calibrates every method on each trial, solves its test and measures the times of a solve and of an answer.
+pub fn speed_accuracy(
+    trials: &[MethodTrial],
+    ns_per_answer: AnswerTimer<'_>,
+    on_progress: OnProgress<'_>,
+) -> Vec<MethodRow> {
     let mut rows: Vec<MethodRow> = Vec::new();
     let tried = in_parallel(trials, |trial| {
         let methods = StudiedMethod::all(&trial.calibration, &Setting::of_layout(trial.layout.as_ref()));
@@ -75,12 +82,10 @@ pub fn speed_accuracy(trials: &[MethodTrial], on_progress: OnProgress<'_>) -> Ve
             };
             // one after another, because two at once would slow each other down. The best is one of them, and takes as long.
             let same = rows[first..].iter().find(|other| method.name == BEST && Some(other.solver) == row.chosen);
-            let ns = match (same, &method.fitted) {
-                (Some(same), _) => same.ns_per_solve,
-                (None, Ok(solver)) => ns_per_solve(solver.as_ref(), trial.test.iter().map(|(_, outputs)| outputs)),
-                (None, Err(_)) => None,
+            [row.ns_per_solve, row.ns_per_answer] = match same {
+                Some(same) => [same.ns_per_solve, same.ns_per_answer],
+                None => times(method.name, trial, ns_per_answer),
             };
-            row.ns_per_solve = ns.map(|ns| round(ns, 1));
             rows.push(row);
             on_progress(rows.len(), count);
         }
@@ -89,4 +94,16 @@ pub fn speed_accuracy(trials: &[MethodTrial], on_progress: OnProgress<'_>) -> Ve
     let best = pareto(&rows.iter().map(mark).collect::<Vec<_>>());
     rows.iter_mut().zip(best).for_each(|(row, is_best)| row.pareto = Some(is_best));
     rows
+}
+
+/// Times of a solve and of an answer, ns, to two digits: more of them change from one measurement to the next.
+fn times(method: &str, trial: &MethodTrial, ns_per_answer: AnswerTimer<'_>) -> [Option<f64>; 2] {
+    let setting = Setting::of_layout(trial.layout.as_ref());
+    let Ok(model) = Model::fit(method, trial.calibration.clone(), &setting) else { return [None; 2] };
+    let solve = ns_per_solve(model.fitted(), trial.test.iter().map(|(_, outputs)| outputs));
+    [solve, ns_per_answer(model, &trial.test)].map(|ns| ns.map(two_digits))
+}
+
+fn two_digits(ns: f64) -> f64 {
+    round(ns, 1 - ns.log10().floor() as i32)
 }

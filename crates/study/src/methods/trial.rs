@@ -81,6 +81,9 @@ pub struct MethodRow {
     pub force_error_n: Option<ErrorSummary>,
     /// Measured time of a solve, ns.
     pub ns_per_solve: Option<f64>,
+    /// Measured time of an answer of `palpate solve`, ns, which includes reading its line, watching for broken outputs and writing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ns_per_answer: Option<f64>,
     /// Fraction of the readings without an answer, or with a verdict other than ok.
     pub flagged: Option<f64>,
     /// Fraction of the readings without an answer, or with errors above 1 mm or 0.1 N. If there are two contacts, the answer is

@@ -63,7 +63,7 @@ async fn with_two_groups_z_homes_and_moves_away_before_the_other_homes() {
             &[
                 (b"GroupInitialize(Z)", b"0,,EndOfAPI"),
                 (b"GroupHomeSearch(Z)", b"0,,EndOfAPI"),
-                (b"GroupMoveAbsolute(Z.Pos,12.500000)", b"0,,EndOfAPI"),
+                (b"GroupMoveRelative(Z.Pos,12.500000)", b"0,,EndOfAPI"),
             ],
             &[(b"GroupMoveAbort(Z)", b"-22,GroupMoveAbort(Z),EndOfAPI")],
             &[(b"GroupHomeSearch(XY)", b"0,,EndOfAPI")],
@@ -102,7 +102,7 @@ async fn z_shows_its_direction_within_its_travel_before_another_group_moves() {
                 Z_POS[4],
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,12,EndOfAPI"),
             ],
-            &[(b"GroupMoveAbsolute(Z.Pos,12.000000)", b"0,,EndOfAPI")],
+            &[(b"GroupMoveRelative(Z.Pos,1.000000)", b"0,,EndOfAPI")],
             &[],
             &[],
             &[],
@@ -127,7 +127,7 @@ async fn no_axis_homes_while_z_is_not_away() {
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,3,EndOfAPI"),
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,3,EndOfAPI"),
             ],
-            &[(b"GroupMoveAbsolute(Z.Pos,12.500000)", b"0,,EndOfAPI")],
+            &[(b"GroupMoveRelative(Z.Pos,13.500000)", b"0,,EndOfAPI")],
             &[],
             &[],
             &[],
@@ -154,16 +154,16 @@ async fn x_and_y_of_one_group_move_in_one_call_and_z_on_its_own() {
                 (b"GroupPositionCurrentGet(XY.X,double *)", b"0,1.5,EndOfAPI"),
                 (b"GroupPositionCurrentGet(XY.Y,double *)", b"0,-2,EndOfAPI"),
             ],
-            &[(b"GroupMoveAbsolute(Z.Pos,3.000000)", b""), (b"", b"0,,EndOfAPI")],
+            &[(b"GroupMoveRelative(Z.Pos,3.000000)", b""), (b"", b"0,,EndOfAPI")],
             &[],
-            &[(b"GroupMoveAbsolute(XY,1.500000,-2.000000)", b""), (b"", b"0,,EndOfAPI")],
+            &[(b"GroupMoveRelative(XY,1.500000,-2.000000)", b""), (b"", b"0,,EndOfAPI")],
             &[],
         ],
         None,
     );
     // z is still under way when the others begin
-    stage.begin(&[(Axis::Z, 3.0)], 5.0, &MotionOrders::default()).await.unwrap();
-    stage.begin(&[(Axis::X, 1.5), (Axis::Y, -2.0)], 10.0, &MotionOrders::default()).await.unwrap();
+    stage.begin(&ways(&[(Axis::Z, 3.0)]), 5.0, &MotionOrders::default()).await.unwrap();
+    stage.begin(&ways(&[(Axis::X, 1.5), (Axis::Y, -2.0)]), 10.0, &MotionOrders::default()).await.unwrap();
     let axes = [Axis::Z, Axis::X, Axis::Y];
     assert_eq!(stage.follow(&axes, Duration::from_secs(1), &MotionOrders::default()).await.unwrap(), [3.0, 1.5, -2.0]);
     done(stage, devices).await;
@@ -186,18 +186,18 @@ async fn three_single_axes_begin_together_and_a_stop_reaches_all_at_once() {
             ],
             &[],
             &[(b"GroupMoveAbort(GZ)", b"-22,GroupMoveAbort(GZ),EndOfAPI")],
-            &[(b"GroupMoveAbsolute(GX.Pos,1.500000)", b""), (b"", b"-27,GroupMoveAbsolute(GX.Pos,1.500000),EndOfAPI")],
+            &[(b"GroupMoveRelative(GX.Pos,1.500000)", b""), (b"", b"-27,GroupMoveRelative(GX.Pos,1.500000),EndOfAPI")],
             &[(b"GroupMoveAbort(GX)", b"0,,EndOfAPI")],
             &[
-                (b"GroupMoveAbsolute(GY.Pos,-2.000000)", b""),
-                (b"", b"-27,GroupMoveAbsolute(GY.Pos,-2.000000),EndOfAPI"),
+                (b"GroupMoveRelative(GY.Pos,-2.000000)", b""),
+                (b"", b"-27,GroupMoveRelative(GY.Pos,-2.000000),EndOfAPI"),
             ],
             &[(b"GroupMoveAbort(GY)", b"0,,EndOfAPI")],
         ],
         None,
     );
     let orders = MotionOrders::default();
-    stage.begin(&[(Axis::X, 1.5), (Axis::Y, -2.0)], 10.0, &orders).await.unwrap();
+    stage.begin(&ways(&[(Axis::X, 1.5), (Axis::Y, -2.0)]), 10.0, &orders).await.unwrap();
     orders.stop();
     let places_mm = stage.follow(&[Axis::X, Axis::Y], Duration::from_secs(1), &orders).await.unwrap();
     assert_eq!(places_mm, [0.5, -0.5]);
@@ -217,14 +217,14 @@ async fn if_one_group_refuses_its_motion_the_other_is_stopped() {
             ],
             &[],
             &[(b"GroupMoveAbort(GZ)", b"-22,GroupMoveAbort(GZ),EndOfAPI")],
-            &[(b"GroupMoveAbsolute(GX.Pos,1.500000)", b"")],
+            &[(b"GroupMoveRelative(GX.Pos,1.500000)", b"")],
             &[(b"GroupMoveAbort(GX)", b"0,,EndOfAPI")],
-            &[(b"GroupMoveAbsolute(GY.Pos,-99.000000)", b"-17,GroupMoveAbsolute(GY.Pos,-99.000000),EndOfAPI")],
+            &[(b"GroupMoveRelative(GY.Pos,-99.000000)", b"-17,GroupMoveRelative(GY.Pos,-99.000000),EndOfAPI")],
             &[(b"GroupMoveAbort(GY)", b"-22,GroupMoveAbort(GY),EndOfAPI")],
         ],
         None,
     );
-    let targets = [(Axis::X, 1.5), (Axis::Y, -99.0)];
+    let targets = ways(&[(Axis::X, 1.5), (Axis::Y, -99.0)]);
     let text = stage.begin(&targets, 10.0, &MotionOrders::default()).await.unwrap_err().to_string();
     assert!(text.contains("error -17"), "{text}");
     done(stage, devices).await;
@@ -268,7 +268,7 @@ async fn each_group_has_a_guard_and_the_one_that_fired_is_named() {
                 // the event that fired is gone: only the other is removed
                 (b"EventExtendedRemove(2)", b"0,,EndOfAPI"),
             ],
-            &[(b"GroupMoveAbsolute(Z.Pos,-1.250000)", b""), (b"", b"-27,GroupMoveAbsolute(Z.Pos,-1.250000),EndOfAPI")],
+            &[(b"GroupMoveRelative(Z.Pos,-1.250000)", b""), (b"", b"-27,GroupMoveRelative(Z.Pos,-1.250000),EndOfAPI")],
             &[],
             &[],
             &[],
@@ -276,7 +276,7 @@ async fn each_group_has_a_guard_and_the_one_that_fired_is_named() {
         Some(guard),
     );
     stage.guard(Some(2.05)).await.unwrap();
-    stage.begin(&[(Axis::Z, -1.25)], 1.5, &MotionOrders::default()).await.unwrap();
+    stage.begin(&ways(&[(Axis::Z, -1.25)]), 1.5, &MotionOrders::default()).await.unwrap();
     let error = stage.follow(&[Axis::Z], Duration::from_millis(900), &MotionOrders::default()).await.unwrap_err();
     assert!(matches!(error.problem, DeviceProblem::Guarded { limit_n } if limit_n == 2.05), "{error}");
     stage.guard(None).await.unwrap();

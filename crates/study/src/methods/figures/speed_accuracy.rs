@@ -14,16 +14,22 @@ pub fn speed_accuracy_figures(trials: &[MethodTrial], found: &[MethodRow]) -> Ve
         let rows: Vec<&MethodRow> = found.iter().filter(|row| row.scene == trial.scene).collect();
         panel(&trial.text, &rows)
     };
+    let to_the_right = "line to the right: an answer of palpate solve, which reads a line, watches for broken outputs and writes a line";
     let ringed = "ringed and joined: no other method is both faster and more exact";
     let figure = Figure {
         title: "Accuracy and solving time of each method".to_owned(),
         subtitle: format!(
-            "calibrated with {presses} presses, {tests} test contacts; bars: 95 % of the mean; times measured on this machine, one core"
+            "calibrated with {presses} presses, {tests} test contacts; bars: 95 % of the mean; times on one core of {}",
+            processor()
         ),
         height_px: 420.0,
         panels: trials.iter().map(panel).collect(),
         legend: legend(methods().filter(|(_, name)| name != BEST), 7),
-        notes: [Some(ringed), found.first().and_then(bound_name)].into_iter().flatten().map(str::to_owned).collect(),
+        notes: [Some(to_the_right), Some(ringed), found.first().and_then(bound_name)]
+            .into_iter()
+            .flatten()
+            .map(str::to_owned)
+            .collect(),
         ..Figure::default()
     };
     vec![("speed-accuracy.svg".to_owned(), figure.svg())]
@@ -35,6 +41,7 @@ fn panel(text: &str, rows: &[&MethodRow]) -> Panel {
         let (mean_mm, within_mm) = (row.mean_mm()?, row.location_error_within_mm?);
         Some((mean_mm - within_mm, mean_mm + within_mm))
     };
+    let answer = |row: &MethodRow| Some((row.ns_per_answer?, row.mean_mm()?));
     let points = || rows.iter().filter_map(|row| point(row));
     let bound = rows.first().and_then(|row| {
         let (mm, name) = (row.location_bound_mm?, if row.bound == Some(CRAMER_RAO) { "bound" } else { "stated" });
@@ -42,7 +49,8 @@ fn panel(text: &str, rows: &[&MethodRow]) -> Panel {
     });
     let errors_mm = points().map(|(_, mm)| mm).chain(rows.iter().filter_map(|row| ends(row)).flat_map(|(a, b)| [a, b]));
     let (first_ns, first_mm) = points().next().unwrap_or((1.0, 1.0));
-    let x = ChartAxis::log("time per solve, ns", points().map(|(ns, _)| ns), (first_ns / 1.5, first_ns * 1.5));
+    let times_ns = points().chain(rows.iter().filter_map(|row| answer(row))).map(|(ns, _)| ns);
+    let x = ChartAxis::log("time per solve, ns", times_ns, (first_ns / 1.5, first_ns * 1.5));
     let y = ChartAxis::log(
         "location error, mean, mm",
         errors_mm.chain(bound.iter().map(|(mm, _)| mm / 1.3)),
@@ -70,9 +78,18 @@ fn panel(text: &str, rows: &[&MethodRow]) -> Panel {
         }
         let look = Look { line: LineStyle::None, ..look(row.solver) };
         let strokes = ends(row).map(|(from, to)| ((point.0, from), (point.0, to)));
-        marks.push(Mark::Strokes(look.hue, strokes.into_iter().collect()));
+        let to_answer = answer(row).map(|answer| (point, answer));
+        marks.push(Mark::Strokes(look.hue, strokes.into_iter().chain(to_answer).collect()));
         marks.push(Mark::Curve(look, vec![point]));
     }
     marks.extend(front.into_iter().map(Mark::Ring));
     Panel { x, y, marks }
+}
+
+/// Name of the processor, which Linux tells.
+fn processor() -> String {
+    let about = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = about.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    let name = name.map(|(_, name)| name.trim()).filter(|name| !name.is_empty());
+    name.unwrap_or("this machine").replace("(R)", "").replace("(TM)", "")
 }
