@@ -39,7 +39,10 @@ mod xps;
 pub use daqmx::DaqmxEmulator;
 pub use esp301::Esp301Emulator;
 pub use faults::{DeviceFault, FaultAfterBytes};
-pub use grbl::{GrblEmulator, MotionBoard as GrblBoard, ROOM_MM as GRBL_ROOM_MM};
+pub use grbl::{
+    GrblEmulator, GrblFault, GrblFaultAfterBytes, GrblFaultKind, GrblWelcome, MotionBoard as GrblBoard,
+    ROOM_MM as GRBL_ROOM_MM,
+};
 pub use klipper::{KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultAfterBytes, KlipperFaultKind};
 pub use marlin::{
     Announced as MarlinAnnounced, MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultAfterBytes, MarlinFaultKind,

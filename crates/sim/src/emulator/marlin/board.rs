@@ -89,8 +89,8 @@ impl MarlinBoard {
             settings: self.limits(BoardSettings::default()),
             plus_ends_mm: std::array::from_fn(|n| self.min_ends_mm[n] + self.lengths_mm[n]),
             lengths_mm: self.lengths_mm,
-            sets_origin: false,
             boot_s: None,
+            ..MotionBoard::default()
         }
     }
 
