@@ -37,7 +37,7 @@ mod ur;
 mod xps;
 
 pub use daqmx::DaqmxEmulator;
-pub use esp301::Esp301Emulator;
+pub use esp301::{Esp301Emulator, EspFault, EspFaultAfterBytes, EspFaultKind};
 pub use faults::{DeviceFault, FaultAfterBytes};
 pub use grbl::{
     GrblEmulator, GrblFault, GrblFaultAfterBytes, GrblFaultKind, GrblWelcome, MotionBoard as GrblBoard,
@@ -50,7 +50,10 @@ pub use marlin::{
 pub use modbus::{
     LabJackT7, LaumasTlb, Modbus, Refusal, RegisterBytes, RegisterMap, RobotiqFt300, SenecaZsg, Transmitter,
 };
-pub use process::{Printer, ProcessArrayEmulator, ProcessLoadCellEmulator, ProcessStageEmulator};
+pub use process::{
+    Printer, ProcessArrayEmulator, ProcessLoadCellEmulator, ProcessStageEmulator, ProcessStageFault,
+    ProcessStageFaultAfterBytes, ProcessStageFaultKind,
+};
 pub use serve::{INBOX_MOST, serve};
 pub use ur::{
     DASHBOARD_PORT as UR_DASHBOARD_PORT, RTDE_PORT as UR_RTDE_PORT, SECONDARY_PORT as UR_SECONDARY_PORT, UrArm,
