@@ -57,7 +57,7 @@ pub use process::{
 pub use serve::{INBOX_MOST, serve};
 pub use ur::{
     DASHBOARD_PORT as UR_DASHBOARD_PORT, RTDE_PORT as UR_RTDE_PORT, SECONDARY_PORT as UR_SECONDARY_PORT, UrArm,
-    UrEmulator, UrFault, UrFaultKind,
+    UrEmulator, UrFault, UrFaultAfterBytes, UrFaultKind,
 };
 pub use xps::XpsEmulator;
 

@@ -1,6 +1,7 @@
 //! The arm: where it stands, what it carries, and its faults.
 
 use super::turn::Turn;
+use crate::emulator::faults::{DeviceFault, FaultAfterBytes};
 
 /// An arm and where the scene is in its base frame. The tip of its tool is the scene's indenter.
 #[derive(Clone, Debug)]
@@ -25,6 +26,8 @@ pub struct UrArm {
     pub force_error_n: f64,
     /// Faults.
     pub faults: Vec<UrFault>,
+    /// Faults after some bytes at the port of programs.
+    pub faults_after_bytes: Vec<UrFaultAfterBytes>,
 }
 
 impl Default for UrArm {
@@ -40,6 +43,7 @@ impl Default for UrArm {
             serial: String::from("20195500001"),
             force_error_n: 4.0,
             faults: Vec::new(),
+            faults_after_bytes: Vec::new(),
         }
     }
 }
@@ -78,13 +82,9 @@ impl UrArm {
 }
 
 /// A fault of the arm or the controller.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct UrFault {
-    /// Time at which it happens, s.
-    pub from_s: f64,
-    /// What happens.
-    pub kind: UrFaultKind,
-}
+pub type UrFault = DeviceFault<UrFaultKind>;
+/// A fault of them after some bytes.
+pub type UrFaultAfterBytes = FaultAfterBytes<UrFaultKind>;
 
 /// Kinds of fault. Each happens once.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -114,4 +114,7 @@ pub enum UrFaultKind {
     },
     /// Somebody switches the arm's power off.
     PowerOff,
+    /// Another client sends this program, which replaces the one under way. A secondary one, such as
+    /// `"sec tool():\n set_tcp(p[0,0,0.01,0,0,0])\nend\n"`, replaces none.
+    Other(&'static str),
 }

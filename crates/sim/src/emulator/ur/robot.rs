@@ -1,10 +1,11 @@
 //! The controller: power, safety, faults and registers. All its ports act on it.
 
-use super::arm::{UrArm, UrFault, UrFaultKind};
+use super::arm::{UrArm, UrFaultKind};
 use super::motion::Path;
 use super::pose::{self, Pose};
-use super::script::{Statement, Value};
+use super::script::{Statement, Value, read_program};
 use super::turn::Turn;
+use crate::emulator::faults::Faults;
 use crate::scene::Scene;
 use palpate_core::quantity::Axis;
 use std::collections::HashMap;
@@ -41,6 +42,7 @@ pub(super) enum Runtime {
 /// The controller and the arm.
 pub(super) struct Robot {
     pub arm: UrArm,
+    pub faults: Faults<UrFaultKind>,
     pub is_on: bool,
     pub safety: Safety,
     pub runtime: Runtime,
@@ -72,10 +74,10 @@ pub(super) struct Robot {
 }
 
 impl Robot {
-    pub(super) fn new(mut arm: UrArm, scene: &Scene) -> Robot {
-        arm.faults.sort_by(|a, b| b.from_s.total_cmp(&a.from_s));
+    pub(super) fn new(arm: UrArm, scene: &Scene) -> Robot {
         let rest = (Axis::ALL.map(|axis| scene.motion(axis).end_mm()), Turn::of(arm.rotvec_rad));
         Robot {
+            faults: Faults::new(&arm.faults, &arm.faults_after_bytes),
             arm,
             is_on: true,
             safety: Safety::Normal,
@@ -101,6 +103,7 @@ impl Robot {
 
     /// Lets everything happen that is due.
     pub(super) fn run(&mut self, scene: &mut Scene, now_s: f64) {
+        self.faults.come(now_s);
         while self.next_s() <= now_s + EARLY_S {
             if self.next_s() == self.fault_s() {
                 self.fail(scene, now_s);
@@ -118,11 +121,12 @@ impl Robot {
     }
 
     fn fault_s(&self) -> f64 {
-        self.arm.faults.last().map_or(f64::INFINITY, |fault| fault.from_s)
+        self.faults.next_s(|_| true)
     }
 
     fn fail(&mut self, scene: &mut Scene, now_s: f64) {
-        let Some(UrFault { from_s, kind }) = self.arm.faults.pop() else { return };
+        let from_s = self.fault_s();
+        let Some(kind) = self.faults.take(now_s + EARLY_S, |_| true) else { return };
         match kind {
             UrFaultKind::ProtectiveStop if self.safety == Safety::Normal => {
                 self.safety = Safety::ProtectiveStop(from_s);
@@ -144,6 +148,11 @@ impl Robot {
             UrFaultKind::LocalControl => self.is_remote = false,
             UrFaultKind::Sideways { mm } => self.deviation.0 = mm,
             UrFaultKind::Tilt { rad } => self.deviation.1 = rad,
+            UrFaultKind::Other(program) => {
+                if let Some(program) = read_program(program.as_bytes()) {
+                    self.take(program, now_s, scene, now_s);
+                }
+            }
         }
     }
 

@@ -159,6 +159,28 @@ fn what_cannot_run_moves_nothing() {
     bench.goes(6.0, &ask, &[(7.0, 1, 7, 8.0)]);
 }
 
+/// A program of another client.
+const TCP_10_MM_OFF: &str = "sec tool():\n set_tcp(p[0,0,0.01,0,0,0])\nend\n";
+
+#[test]
+fn another_client_sets_a_tcp_in_the_midst_of_a_program_of_ours_or_moves_the_arm() {
+    let program = to_z(6.0);
+    for bytes in [1, program.len() as u64 / 2, program.len() as u64] {
+        let fault = UrFaultAfterBytes { bytes, kind: UrFaultKind::Other(TCP_10_MM_OFF) };
+        let scene = scene();
+        let robot = UrEmulator::new(UrArm { faults_after_bytes: vec![fault], ..arm(&[]) }, &scene);
+        let links = [RTDE_PORT, SECONDARY_PORT, DASHBOARD_PORT].map(|port| robot.at_port(port).expect("a port"));
+        let mut bench = UrBench { robot, scene, links, now_s: 0.0 };
+        bench.goes(1.0, &program, &[(3.5, 1, 2, 6.0)]);
+        // its TCP is at 6, so its tip is higher
+        assert!((bench.scene.axis(Axis::Z, 3.5).0 - 16.0).abs() < 1e-9, "{bytes}");
+    }
+    let jog = "def jog():\n movel(pose_add(get_actual_tcp_pose(), p[0,0,-0.001,0,0,0]), a=1, v=0.1)\nend\n";
+    let mut bench = UrBench::new(&[(1.2, UrFaultKind::Other(jog)), (5.0, UrFaultKind::Other(TCP_10_MM_OFF))], scene());
+    // ours has gone 0.5 mm, brakes, and is never ended
+    bench.goes(1.0, &to_z(6.0), &[(1.19, 2, 1, 7.595), (4.0, 1, 1, 6.487), (5.1, 1, 1, -3.513)]);
+}
+
 /// A program that goes by a distance from where the arm is, mm, if that is near where it is expected, mm.
 fn by_z(way_mm: f64, expected_mm: f64) -> String {
     let expected = format!("p[0.299, -0.198, {}, 3.141592653589793, 0, 0]", 0.1 + expected_mm / 1000.0);
