@@ -3,6 +3,7 @@
 use super::arm::{UrArm, UrFaultKind};
 use super::motion::Path;
 use super::pose::{self, Pose};
+use super::programs::CYCLE_S;
 use super::script::{Statement, Value, read_program};
 use super::turn::Turn;
 use crate::emulator::faults::Faults;
@@ -168,7 +169,9 @@ impl Robot {
     /// Pose of the TCP, as the encoders have it.
     pub(super) fn actual_pose(&self, scene: &mut Scene, now_s: f64) -> Pose {
         let place_mm = Axis::ALL.map(|axis| scene.axis(axis, now_s).0);
-        self.tcp_pose(place_mm, self.path.turn(now_s))
+        let (off_mm, off_rad) = self.arm.noise(((now_s + EARLY_S) / CYCLE_S) as u64);
+        let place_mm = std::array::from_fn(|n| place_mm[n] + off_mm[n]);
+        self.tcp_pose(place_mm, self.path.turn(now_s).then(Turn::of(off_rad)))
     }
 
     /// Pose of the TCP as planned.

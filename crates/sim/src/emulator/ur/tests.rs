@@ -17,7 +17,7 @@ fn to_z(z_mm: f64) -> String {
 
 fn arm(faults: &[(f64, UrFaultKind)]) -> UrArm {
     let faults = faults.iter().map(|&(from_s, kind)| UrFault { from_s, kind }).collect();
-    UrArm { faults, force_error_n: 0.0, ..UrArm::default() }
+    UrArm { faults, force_error_n: 0.0, pose_noise: (0.0, 0.0), ..UrArm::default() }
 }
 
 /// A robot and its scene, talked to at given times, and one link to each port: RTDE, secondary, dashboard.
@@ -290,6 +290,33 @@ fn deviations_end_on_the_line_and_the_force_pushes_back() {
     assert!(ends.as_flattened().iter().zip([2e-4, -0.01, 0.0, 0.0]).all(|(a, b)| (a - b).abs() < 1e-8), "{ends:?}");
     let force = UrBench::new(&[], pressed(0.5 * STIFFNESS_N_MM)).readings(1.0)[3];
     assert!((force[2] - 0.5 * STIFFNESS_N_MM).abs() < 1e-9 && force[0].abs() < 1e-9, "{force:?}");
+}
+
+#[test]
+fn a_resting_pose_has_the_noise_of_a_real_arm_and_the_planned_one_has_none() {
+    let scene = scene();
+    let robot = UrEmulator::new(UrArm::default(), &scene);
+    let links = [RTDE_PORT, SECONDARY_PORT, DASHBOARD_PORT].map(|port| robot.at_port(port).expect("a port"));
+    let mut bench = UrBench { robot, scene, links, now_s: 0.0 };
+    let readings: Vec<[[f64; 6]; 2]> = (0..5000)
+        .map(|cycle| {
+            let [pose, planned, ..] = bench.readings(f64::from(cycle) * 0.002);
+            [pose, planned]
+        })
+        .collect();
+    assert_eq!(bench.readings(9.998)[0], readings[4999][0], "the same cycle");
+    let sd = |values: &[f64]| {
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
+    };
+    for n in 0..3 {
+        let um: Vec<f64> = readings.iter().map(|[pose, planned]| 1e6 * (pose[n] - planned[n])).collect();
+        let means: Vec<f64> = um.chunks(25).map(|chunk| chunk.iter().sum::<f64>() / 25.0).collect();
+        let next: f64 = um.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / (um.len() as f64 * 169.0);
+        let found = (sd(&um), sd(&means), next);
+        assert!((12.0..14.0).contains(&found.0) && (2.2..3.0).contains(&found.1) && next.abs() < 0.05, "{found:?}");
+        assert!(readings.iter().all(|[_, planned]| planned[n] == readings[0][1][n]));
+    }
 }
 
 fn served(robot: &UrEmulator, port: u16, scene: &Shared<Scene>, origin: Instant) -> DuplexStream {
