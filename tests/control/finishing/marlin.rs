@@ -2,8 +2,10 @@
 
 use super::{Finishing, Wrong};
 use palpate_run::rig::{RigSpec, SimulatedRig};
-use palpate_sim::emulator::MarlinFaultKind::{Chatter, GarbledLine, LostOk, MotorsOff, Reboot};
-use palpate_sim::emulator::{GRBL_ROOM_MM, MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultKind};
+use palpate_sim::emulator::MarlinFaultKind::{Chatter, GarbledLine, LostOk, MotorsOff, Restart};
+use palpate_sim::emulator::{
+    GRBL_ROOM_MM, MarlinAnnounced::Start, MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultKind,
+};
 use std::sync::{Arc, Mutex};
 
 const PRINTER: Finishing<MarlinFaultKind> = Finishing {
@@ -11,7 +13,7 @@ const PRINTER: Finishing<MarlinFaultKind> = Finishing {
     force_n: 0.3,
     limit_n: 1.0,
     stiffnesses_n_mm: &[5.0, 10.0, 20.0],
-    faults: &[LostOk, GarbledLine, Chatter { every_s: 0.3 }, Reboot, MotorsOff],
+    faults: &[LostOk, GarbledLine, Chatter { every_s: 0.3 }, Restart(Start), MotorsOff],
     install,
     is_mended: |kind| matches!(kind, LostOk | GarbledLine | Chatter { .. }),
 };
@@ -39,7 +41,7 @@ fn presses_are_within_half_a_step_and_take_seconds() {
 fn no_force_is_over_the_limit_whatever_fails() {
     // in the last one the cell sticks slightly over its zero before the first touch
     let ends = PRINTER.check_faults(&[3553]);
-    for (wrong, end) in ends.iter().filter(|(wrong, _)| *wrong == Wrong::Stage(Reboot)) {
+    for (wrong, end) in ends.iter().filter(|(wrong, _)| *wrong == Wrong::Stage(Restart(Start))) {
         assert!(["-", "device", "stage-silent"].contains(end), "{wrong:?}: {end}");
     }
 }

@@ -22,13 +22,13 @@
 mod daqmx;
 mod datagrams;
 mod esp301;
+mod faults;
 mod grbl;
 mod klipper;
 pub mod lines;
 pub mod listen;
 mod marlin;
 mod modbus;
-mod printer;
 mod process;
 mod serve;
 #[cfg(test)]
@@ -37,19 +37,27 @@ mod ur;
 mod xps;
 
 pub use daqmx::DaqmxEmulator;
-pub use esp301::Esp301Emulator;
-pub use grbl::{GrblEmulator, MotionBoard as GrblBoard, ROOM_MM as GRBL_ROOM_MM};
-pub use klipper::{KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultKind};
-pub use marlin::{MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultKind};
+pub use esp301::{Esp301Emulator, EspFault, EspFaultAfterBytes, EspFaultKind};
+pub use faults::{DeviceFault, FaultAfterBytes};
+pub use grbl::{
+    GrblEmulator, GrblFault, GrblFaultAfterBytes, GrblFaultKind, GrblWelcome, MotionBoard as GrblBoard,
+    ROOM_MM as GRBL_ROOM_MM,
+};
+pub use klipper::{KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultAfterBytes, KlipperFaultKind};
+pub use marlin::{
+    Announced as MarlinAnnounced, MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultAfterBytes, MarlinFaultKind,
+};
 pub use modbus::{
     LabJackT7, LaumasTlb, Modbus, Refusal, RegisterBytes, RegisterMap, RobotiqFt300, SenecaZsg, Transmitter,
 };
-pub use printer::PrinterFault;
-pub use process::{Printer, ProcessArrayEmulator, ProcessLoadCellEmulator, ProcessStageEmulator};
+pub use process::{
+    Printer, ProcessArrayEmulator, ProcessLoadCellEmulator, ProcessStageEmulator, ProcessStageFault,
+    ProcessStageFaultAfterBytes, ProcessStageFaultKind,
+};
 pub use serve::{INBOX_MOST, serve};
 pub use ur::{
     DASHBOARD_PORT as UR_DASHBOARD_PORT, RTDE_PORT as UR_RTDE_PORT, SECONDARY_PORT as UR_SECONDARY_PORT, UrArm,
-    UrEmulator, UrFault, UrFaultKind,
+    UrEmulator, UrFault, UrFaultAfterBytes, UrFaultKind,
 };
 pub use xps::XpsEmulator;
 

@@ -37,11 +37,15 @@ const ROUNDING_MM: f64 = 1e-9;
 
 /// One axis: a VP-25XL and the controller's knowledge of it. Places are true places in stage coordinates, unless a name contains
 /// `count`. A count is the controller's assumed place, which is wrong by `offset_mm` until the axis is homed.
+///
+/// A mirrored axis counts against the true direction. Its + end is then at the - end of the stage.
 pub(super) struct Drive {
     axis: Axis,
     pub motor_on: bool,
-    /// True place minus count, mm.
+    /// True place that counts zero, mm.
     offset_mm: f64,
+    /// Direction in which it counts: 1, or -1 if it is mirrored.
+    direction: f64,
     target_mm: f64,
     action: AxisAction,
     /// Acceleration of the move under way, mm/s^2.
@@ -79,6 +83,7 @@ impl Drive {
             axis,
             motor_on: false,
             offset_mm: place_mm,
+            direction: 1.0,
             target_mm: place_mm,
             action: AxisAction::Idle,
             ramp_mm_s2: 0.0,
@@ -118,7 +123,9 @@ impl Drive {
         match std::mem::replace(&mut self.action, AxisAction::Idle) {
             AxisAction::Move(fault) => fault.map(|fault| (self.fault(fault), end_s)),
             AxisAction::Home { place_mm } => {
-                self.offset_mm = place_mm.map_or(self.offset_mm, |place_mm| place_mm - self.home_count_mm);
+                if let Some(place_mm) = place_mm {
+                    self.offset_mm = place_mm - self.direction * self.home_count_mm;
+                }
                 None
             }
             AxisAction::Idle | AxisAction::Stop => None,
@@ -127,7 +134,7 @@ impl Drive {
 
     /// Returns the axis position in counts, in the unit of `SN` (mm, unless it is encoder counts), as `TP` writes it.
     pub(super) fn place(&self, scene: &mut Scene, now_s: f64) -> String {
-        let count_mm = scene.axis(self.axis, now_s).0 - self.offset_mm;
+        let count_mm = self.count_mm(scene.axis(self.axis, now_s).0);
         if self.unit == UNIT_COUNTS {
             format!("{:.0}", (count_mm * COUNTS_PER_MM).round() + 0.0)
         } else {
@@ -137,7 +144,7 @@ impl Drive {
 
     /// Returns the target, mm, as `PA?` writes it.
     pub(super) fn target(&self) -> String {
-        decimal(self.target_mm - self.offset_mm)
+        decimal(self.count_mm(self.target_mm))
     }
 
     /// `PA`: moves to a count at `VA`. Beyond a soft limit it doesn't move at all; beyond the travel, it moves to the end of the
@@ -152,7 +159,7 @@ impl Drive {
         match fault {
             Some(fault) => Err(self.fault(fault)),
             None => {
-                self.start_move(scene.target_mm(count_mm) + self.offset_mm, scene, now_s);
+                self.start_move(self.offset_mm + self.direction * scene.target_mm(count_mm), scene, now_s);
                 Ok(())
             }
         }
@@ -160,7 +167,7 @@ impl Drive {
 
     /// `PR`: moves by a distance from the present position, at `VA`.
     pub(super) fn go_by(&mut self, way_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
-        let count_mm = self.commanded(scene, now_s).0 - self.offset_mm;
+        let count_mm = self.count_mm(self.commanded(scene, now_s).0);
         self.go_to(count_mm + way_mm, scene, now_s)
     }
 
@@ -170,8 +177,8 @@ impl Drive {
         self.may_move()?;
         let place_mm = match mode {
             0 => self.offset_mm.clamp(-TRAVEL_MM, TRAVEL_MM),
-            3 | 5 => TRAVEL_MM,
-            4 | 6 => -TRAVEL_MM,
+            3 | 5 => self.direction * TRAVEL_MM,
+            4 | 6 => -self.direction * TRAVEL_MM,
             _ => 0.0,
         };
         self.start(place_mm, self.home_speed_mm_s, scene, now_s);
@@ -182,8 +189,21 @@ impl Drive {
     /// `DH`: the present position of the axis becomes `count_mm`.
     pub(super) fn define(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.stands()?;
-        self.offset_mm = self.commanded(scene, now_s).0 - count_mm;
+        self.offset_mm = self.commanded(scene, now_s).0 - self.direction * count_mm;
         Ok(())
+    }
+
+    /// Counts in the other direction from now on. What is under way is made all the same.
+    pub(super) fn mirror(&mut self, scene: &Scene, now_s: f64) {
+        let place_mm = self.commanded(scene, now_s).0;
+        let count_mm = self.count_mm(place_mm);
+        self.direction = -self.direction;
+        self.offset_mm = place_mm - self.direction * count_mm;
+    }
+
+    /// Count of a true place, mm.
+    fn count_mm(&self, place_mm: f64) -> f64 {
+        self.direction * (place_mm - self.offset_mm)
     }
 
     /// `ST`: stops the axis with `AG`. Returns whether it interrupted a homing.
@@ -277,7 +297,7 @@ impl Drive {
     /// reports an error.
     fn start_move(&mut self, wanted_mm: f64, scene: &mut Scene, now_s: f64) {
         let reached_mm = wanted_mm.clamp(-TRAVEL_MM, TRAVEL_MM);
-        let fault = match wanted_mm - reached_mm {
+        let fault = match self.direction * (wanted_mm - reached_mm) {
             beyond if beyond > ROUNDING_MM => Some(AxisFault::PLUS_HARDWARE_LIMIT),
             beyond if beyond < -ROUNDING_MM => Some(AxisFault::MINUS_HARDWARE_LIMIT),
             _ => None,

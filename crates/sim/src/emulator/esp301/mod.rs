@@ -11,16 +11,22 @@
 
 mod drive;
 mod errors;
+mod fault;
 mod syntax;
 #[cfg(test)]
 mod tests;
 
-use super::Instrument;
+use super::faults::Faults;
+use super::{Instrument, Owed};
 use crate::scene::{Scene, SceneDevice};
+pub use fault::{EspFault, EspFaultAfterBytes, EspFaultKind};
+
 use drive::{Drive, UNIT_LAST, decimal};
 use errors::{AxisFault, ErrorQueue, EspError, General};
 use palpate_core::quantity::Axis;
+use std::sync::Arc;
 use syntax::{Argument, EspCommand};
+use tokio::sync::Notify;
 
 /// Answer to `VE?`, from the recorded controller.
 const VERSION: &str = "ESP301 Version 1.1.1 16/01/14";
@@ -46,13 +52,35 @@ pub struct Esp301Emulator {
     drives: [Drive; 3],
     errors: ErrorQueue,
     deaf_until_s: f64,
+    /// Time until which it restarts and takes nothing, s.
+    restarts_until_s: f64,
+    never_done: bool,
+    faults: Faults<EspFaultKind>,
+    held: Vec<u8>,
+    /// There if faults happen that nobody asks for.
+    bell: Option<Arc<Notify>>,
 }
 
 impl Esp301Emulator {
     /// Creates a controller that is switched on at the present place of the scene's axes.
     pub fn new(scene: &Scene) -> Self {
         let drives = Axis::ALL.map(|axis| Drive::new(axis, scene));
-        Esp301Emulator { drives, errors: ErrorQueue::default(), deaf_until_s: 0.0 }
+        Esp301Emulator {
+            drives,
+            errors: ErrorQueue::default(),
+            deaf_until_s: 0.0,
+            restarts_until_s: 0.0,
+            never_done: false,
+            faults: Faults::new(&[], &[]),
+            held: Vec::new(),
+            bell: None,
+        }
+    }
+
+    /// Gives the controller faults: at their times, and after some bytes.
+    #[must_use]
+    pub fn with_faults(self, timed: &[EspFault], after_bytes: &[EspFaultAfterBytes]) -> Self {
+        Esp301Emulator { faults: Faults::new(timed, after_bytes), bell: Some(Arc::default()), ..self }
     }
 }
 
@@ -62,20 +90,31 @@ impl Instrument for Esp301Emulator {
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-        syntax::take_line(inbox)
+        self.faults.admit(inbox, &mut self.held, syntax::take_line)
     }
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
-        let mut reply = String::new();
-        for command in syntax::commands(request) {
-            self.notice(scene, now_s);
-            match command.and_then(|command| self.run(&command, scene, now_s)) {
-                Ok(Some(line)) => reply += &(line + "\r\n"),
-                Ok(None) => {}
-                Err(fault) => self.errors.push(fault, now_s),
-            }
+        let is_lost = self.go_on(scene, now_s) || now_s < self.restarts_until_s;
+        let reply = if is_lost { String::new() } else { self.run_line(request, scene, now_s) };
+        if let Some(bell) = &self.bell {
+            bell.notify_waiters();
         }
-        reply.into_bytes()
+        let fault = if reply.is_empty() { None } else { self.faults.take(now_s, |kind| !kind.is_timed()) };
+        match fault {
+            Some(EspFaultKind::LostAnswer) => Vec::new(),
+            Some(_) => reply.repeat(2).into_bytes(),
+            None => reply.into_bytes(),
+        }
+    }
+
+    fn bell(&self) -> Option<Arc<Notify>> {
+        self.bell.clone()
+    }
+
+    fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
+        self.go_on(scene, now_s);
+        let next_s = self.faults.next_s(EspFaultKind::is_timed);
+        if next_s.is_finite() { Owed::At(next_s) } else { Owed::Nothing }
     }
 
     /// Time until which the command port is deaf, s. A wait or a reset stalls the port on every link.
@@ -85,6 +124,57 @@ impl Instrument for Esp301Emulator {
 }
 
 impl Esp301Emulator {
+    /// Lets the faults happen that are due. Returns whether what came last is lost in a restart.
+    fn go_on(&mut self, scene: &mut Scene, now_s: f64) -> bool {
+        self.faults.come(now_s);
+        let mut is_lost = false;
+        let at_s = self.faults.next_s(EspFaultKind::is_timed);
+        while let Some(kind) = self.faults.take(now_s, EspFaultKind::is_timed) {
+            self.notice(scene, now_s);
+            match kind {
+                EspFaultKind::NeverDone => self.never_done = true,
+                EspFaultKind::Restart { motors_on, takes_s } => {
+                    self.restart(motors_on, at_s + takes_s, scene, now_s);
+                    is_lost = at_s == now_s;
+                }
+                EspFaultKind::Mirrored(axis) => self.drives[axis.index()].mirror(scene, now_s),
+                EspFaultKind::Other(lines) if now_s >= self.restarts_until_s => {
+                    for line in lines.lines() {
+                        self.run_line(line.as_bytes(), scene, now_s);
+                    }
+                }
+                _ => {}
+            }
+        }
+        is_lost
+    }
+
+    fn restart(&mut self, motors_on: bool, until_s: f64, scene: &mut Scene, now_s: f64) {
+        self.drives = Axis::ALL.map(|axis| {
+            self.drives[axis.index()].cut_power(scene, now_s);
+            let mut fresh = Drive::new(axis, scene);
+            fresh.motor_on = motors_on;
+            fresh
+        });
+        (self.errors, self.never_done, self.deaf_until_s) = (ErrorQueue::default(), false, 0.0);
+        self.restarts_until_s = until_s;
+        self.held.clear();
+    }
+
+    /// Carries out the commands of a line, and returns the answer.
+    fn run_line(&mut self, line: &[u8], scene: &mut Scene, now_s: f64) -> String {
+        let mut reply = String::new();
+        for command in syntax::commands(line) {
+            self.notice(scene, now_s);
+            match command.and_then(|command| self.run(&command, scene, now_s)) {
+                Ok(Some(line)) => reply += &(line + "\r\n"),
+                Ok(None) => {}
+                Err(fault) => self.errors.push(fault, now_s),
+            }
+        }
+        reply
+    }
+
     /// Updates the state of motions that have ended. The update happens when the controller next looks, which has the same effect
     /// as an update at the motion's end.
     fn notice(&mut self, scene: &Scene, now_s: f64) {
@@ -101,7 +191,7 @@ impl Esp301Emulator {
             b"TE" => tell(command, || self.errors.pop_code()),
             b"TB" => tell(command, || self.errors.pop_message(now_s)),
             b"TP" => self.tell_of_axes(command, |drive| drive.place(scene, now_s)),
-            b"MD" => self.tell_of_axes(command, |drive| u8::from(!drive.moving()).to_string()),
+            b"MD" => self.tell_of_axes(command, |drive| u8::from(!drive.moving() && !self.never_done).to_string()),
             b"ST" => self.halt(command.axis_or_all()?, now_s, |drive| drive.stop(scene, now_s)),
             // all axes, even with the number that some clients put before it
             b"AB" => self.halt(None, now_s, |drive| drive.cut_power(scene, now_s)),

@@ -1,5 +1,7 @@
 //! The ESP301, command by command.
 
+mod faults;
+
 use super::*;
 use crate::emulator::tests::{POWER_ON, STIFFNESS_N_MM, Wire, scene, scene_with, shared};
 use crate::scene::Servo;

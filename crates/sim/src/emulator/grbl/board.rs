@@ -1,5 +1,6 @@
 //! The frame and its board: where the ends are, where homing ends, what it counts there.
 
+use super::fault::{GrblFault, GrblFaultAfterBytes};
 use super::settings::{self, BoardSettings};
 
 /// Distance of the ends of a frame without switches from the place where it is switched on, at least, mm.
@@ -18,6 +19,10 @@ pub struct MotionBoard {
     pub sets_origin: bool,
     /// Time from the opening of its port, which resets the board, to its welcome, s. `None`: opening doesn't reset it.
     pub boot_s: Option<f64>,
+    /// Faults.
+    pub faults: Vec<GrblFault>,
+    /// Faults after some bytes.
+    pub faults_after_bytes: Vec<GrblFaultAfterBytes>,
 }
 
 impl Default for MotionBoard {
@@ -26,7 +31,15 @@ impl Default for MotionBoard {
     fn default() -> Self {
         let settings = BoardSettings::default();
         let lengths_mm = std::array::from_fn(|n| settings.travel_mm(n));
-        MotionBoard { settings, plus_ends_mm: [0.0; 3], lengths_mm, sets_origin: false, boot_s: Some(1.7) }
+        MotionBoard {
+            settings,
+            plus_ends_mm: [0.0; 3],
+            lengths_mm,
+            sets_origin: false,
+            boot_s: Some(1.7),
+            faults: Vec::new(),
+            faults_after_bytes: Vec::new(),
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Lines of G-code: their words, and their meaning.
 
-use super::fault::GrblError;
+use super::errors::GrblError;
 
 /// Letters that accept no negative number.
 const NOT_NEGATIVE: [u8; 3] = *b"FNP";

@@ -33,6 +33,8 @@ pub(in crate::emulator) struct Machine {
     sent_mm: [f64; 3],
     /// Time at which the braking of the cancelled motion ends, s; the blocks are removed then.
     cancelled_s: Option<f64>,
+    /// Time at which the axes rest in a feed hold, s.
+    held_s: Option<f64>,
 }
 
 /// Request of a line: a motion to a place, machine mm, at a feed, mm/min, or as fast as possible.
@@ -97,7 +99,7 @@ impl Machine {
     /// Creates a frame at power-on: its present place counts as zero.
     pub(in crate::emulator) fn new(board: MotionBoard, scene: &Scene) -> Self {
         let offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
-        Machine { board, offset_mm, blocks: VecDeque::new(), sent_mm: [0.0; 3], cancelled_s: None }
+        Machine { board, offset_mm, blocks: VecDeque::new(), sent_mm: [0.0; 3], cancelled_s: None, held_s: None }
     }
 
     /// Switches the controller off and on: the axes stop, and their present places count as zero.
@@ -115,7 +117,7 @@ impl Machine {
             }
             return;
         }
-        while self.blocks.front().is_some_and(|block| block.end_s <= now_s) {
+        while self.held_s.is_none() && self.blocks.front().is_some_and(|block| block.end_s <= now_s) {
             if let Some(block) = self.blocks.pop_front().filter(|block| block.hits) {
                 // the motor stalled at the end, but its steps were counted
                 let ends_mm = self.targets(&block);
@@ -216,7 +218,7 @@ impl Machine {
 
     /// Starts all blocks again, from the present places and speeds of the axes.
     pub(super) fn plan(&mut self, scene: &mut Scene, now_s: f64) {
-        if self.cancelled_s.is_some() || self.blocks.is_empty() {
+        if self.cancelled_s.is_some() || self.held_s.is_some() || self.blocks.is_empty() {
             return;
         }
         let mut ways = Axis::ALL.map(|axis| rest(scene.motion(axis).position_mm(now_s), now_s));
@@ -256,12 +258,33 @@ impl Machine {
         }
     }
 
+    /// Brakes, and keeps what is planned until it is [resumed](Self::resume).
+    pub(super) fn hold(&mut self, scene: &mut Scene, now_s: f64) {
+        if self.held_s.is_none() {
+            let front = self.blocks.front();
+            let along = |n: usize| front.map_or(0.0, |front| front.way[n].abs() * front.acceleration_mm_s2);
+            self.held_s = Some(self.brake(std::array::from_fn(along), scene, now_s));
+        }
+    }
+
+    /// Resumes what is held and rests.
+    pub(super) fn resume(&mut self, scene: &mut Scene, now_s: f64) {
+        if self.held_s.take_if(|rests_s| *rests_s <= now_s).is_some() {
+            self.plan(scene, now_s);
+        }
+    }
+
+    /// Time at which the axes rest in a feed hold, s; `None` without one.
+    pub(super) fn held_s(&self) -> Option<f64> {
+        self.held_s
+    }
+
     /// Stops the steps at once and removes all blocks. The count stays unchanged, but moving axes continue a little by inertia.
     pub(in crate::emulator) fn cut_off(&mut self, scene: &mut Scene, now_s: f64) {
         let counted_mm = self.places_mm(scene, now_s);
         let coasts = self.speed_mm_s(scene, now_s) > 0.0;
         self.blocks.clear();
-        self.cancelled_s = None;
+        (self.cancelled_s, self.held_s) = (None, None);
         if coasts {
             let decelerations_mm_s2 =
                 std::array::from_fn(|n| CUT_OFF_FACTOR * self.board.settings.acceleration_mm_s2(n));
@@ -316,6 +339,14 @@ impl Machine {
     /// States what the axes count where they come to rest, mm.
     pub(in crate::emulator) fn count_from(&mut self, counts_mm: [f64; 3], scene: &Scene) {
         self.offset_mm = std::array::from_fn(|n| scene.motion(Axis::ALL[n]).end_mm() - counts_mm[n]);
+    }
+
+    /// Changes what the axes count, mm. What is planned is made all the same.
+    pub(in crate::emulator) fn miscount(&mut self, by_mm: [f64; 3]) {
+        for (n, by_mm) in by_mm.into_iter().enumerate() {
+            self.offset_mm[n] -= by_mm;
+            self.blocks.iter_mut().for_each(|block| block.to_mm[n] += by_mm);
+        }
     }
 
     /// Moves the axes by a distance, mm, that isn't counted, up to the ends of the frame. They move by weight or by hand.

@@ -16,6 +16,7 @@
 //! During homing only a reset acts, and a `?` is answered once at the end of homing.
 
 mod board;
+mod errors;
 mod fault;
 mod gcode;
 mod line;
@@ -24,20 +25,24 @@ mod report;
 mod settings;
 #[cfg(test)]
 mod tests;
+mod waiting;
 
+use super::faults::Faults;
 use super::{Instrument, Owed, Shared};
 use crate::scene::{Scene, SceneDevice};
 pub use board::{MotionBoard, ROOM_MM};
+pub use fault::{GrblFault, GrblFaultAfterBytes, GrblFaultKind, GrblWelcome};
 pub(in crate::emulator) use settings::BoardSettings;
 
-use fault::GrblError;
+use errors::GrblError;
 use gcode::{BlockOrder, GcodeLine, Modal};
 use line::{GrblInput, LineReader};
 use machine::{Activity, Homed, Machine, PlannedLine};
-use report::{RX_MOST, Reporter, StatusReport};
+use report::{Reporter, StatusReport};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use tokio::sync::Notify;
+use waiting::{Stall, WaitingLine};
 
 /// Largest distance of a target beyond the travel that counts as rounding, mm.
 const ROUNDING_MM: f64 = 1e-9;
@@ -48,6 +53,8 @@ const OVERLONG: u8 = b'\t';
 const RUN: u8 = b'\n';
 
 const SOFT_RESET: u8 = 0x18;
+const HOLD: u8 = b'!';
+const RESUME: u8 = b'~';
 const JOG_CANCEL: u8 = 0x85;
 
 /// A GRBL 1.1h with three axes.
@@ -60,7 +67,7 @@ pub struct GrblEmulator {
     reporter: Reporter,
     lock: LockState,
     /// Lines that came and haven't run yet, at most as many as fit into the serial buffer.
-    waiting: VecDeque<String>,
+    waiting: VecDeque<WaitingLine>,
     /// Condition that the first of them waits for.
     stall: Option<Stall>,
     /// Homing that has started.
@@ -73,6 +80,12 @@ pub struct GrblEmulator {
     opened: bool,
     /// Time at which the bootloader ends, s.
     boots_until_s: Option<f64>,
+    /// How its welcome arrives then.
+    welcome: GrblWelcome,
+    faults: Faults<GrblFaultKind>,
+    held: Vec<u8>,
+    /// Whether the board was reset by what came last.
+    is_fresh: bool,
     bell: Arc<Notify>,
 }
 
@@ -91,6 +104,7 @@ impl GrblEmulator {
     pub fn new(board: MotionBoard, scene: &Scene) -> Self {
         GrblEmulator {
             lock: lock_at_start(&board),
+            faults: Faults::new(&board.faults, &board.faults_after_bytes),
             machine: Machine::new(board, scene),
             modal: Modal::default(),
             reader: LineReader::default(),
@@ -102,6 +116,9 @@ impl GrblEmulator {
             unanswered: false,
             opened: false,
             boots_until_s: None,
+            welcome: GrblWelcome::Clean,
+            held: Vec::new(),
+            is_fresh: false,
             bell: Arc::default(),
         }
     }
@@ -113,10 +130,12 @@ impl Instrument for GrblEmulator {
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-        Some(match self.reader.take(inbox)? {
-            GrblInput::RealTime(byte) => vec![byte],
-            GrblInput::Line(None) => vec![OVERLONG, RUN],
-            GrblInput::Line(Some(line)) => [line.as_bytes(), &[RUN]].concat(),
+        self.faults.admit(inbox, &mut self.held, |bytes| {
+            Some(match self.reader.take(bytes)? {
+                GrblInput::RealTime(byte) => vec![byte],
+                GrblInput::Line(None) => vec![OVERLONG, RUN],
+                GrblInput::Line(Some(line)) => [line.as_bytes(), &[RUN]].concat(),
+            })
         })
     }
 
@@ -127,12 +146,13 @@ impl Instrument for GrblEmulator {
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
         let mut reply = Reply::default();
-        if self.boots(&mut reply, scene, now_s).is_some() {
-            return Vec::new(); // the bootloader takes no line
-        }
-        self.machine.settle(scene, now_s);
+        self.go_on(&mut reply, scene, now_s);
+        let is_lost = std::mem::take(&mut self.is_fresh) || self.boots_until_s.is_some();
         match request {
-            [line @ .., RUN] => self.keep(&String::from_utf8_lossy(line)),
+            _ if is_lost => {} // the bootloader takes no line
+            [line @ .., RUN] => {
+                self.keep(WaitingLine { text: String::from_utf8_lossy(line).into_owned(), is_others: false });
+            }
             [byte] => self.act(*byte, &mut reply, scene, now_s),
             _ => {}
         }
@@ -147,31 +167,16 @@ impl Instrument for GrblEmulator {
 
     fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
         let mut reply = Reply::default();
-        match self.boots(&mut reply, scene, now_s) {
-            Some(until_s) => return Owed::At(until_s),
-            None if !reply.0.is_empty() => return Owed::Ready(reply.0.into_bytes()),
-            None if self.waiting.is_empty() => return Owed::Nothing,
-            None => {}
-        }
-        self.machine.settle(scene, now_s);
+        self.go_on(&mut reply, scene, now_s);
+        self.is_fresh = false;
         self.run_waiting(&mut reply, scene, now_s);
-        match self.next_s() {
+        let fault_s = self.faults.next_s(GrblFaultKind::is_timed);
+        match self.boots_until_s.or(self.stall_ends_s()).map_or(fault_s, |next_s| next_s.min(fault_s)) {
             _ if !reply.0.is_empty() => Owed::Ready(reply.0.into_bytes()),
-            Some(next_s) => Owed::At(next_s),
-            None => Owed::Nothing,
+            next_s if next_s.is_finite() => Owed::At(next_s),
+            _ => Owed::Nothing,
         }
     }
-}
-
-/// Reason why a line waits.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Stall {
-    /// Room in the planner, with no jog being cancelled.
-    Room,
-    /// Rest of the axes, expected at `still_s`, and then the time `dwell_s`.
-    Dwell { still_s: f64, dwell_s: f64 },
-    /// A time, s.
-    Until(f64),
 }
 
 /// Reply lines.
@@ -190,33 +195,75 @@ impl Reply {
 }
 
 impl GrblEmulator {
-    /// Resets the board if its port was opened, and sends the welcome when it is ready. Returns the time until which it boots, s.
-    fn boots(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Option<f64> {
-        if let Some(boot_s) = self.machine.board.boot_s.filter(|_| std::mem::take(&mut self.opened)) {
-            self.machine.power_cycle(scene, now_s);
-            self.homing = None;
-            self.unanswered = false;
-            self.lock = lock_at_start(&self.machine.board);
-            self.forget_lines();
-            self.reader.clear();
-            self.boots_until_s = Some(now_s + boot_s);
+    /// Lets everything happen that is due, but for lines that wait.
+    fn go_on(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
+        self.faults.come(now_s);
+        if std::mem::take(&mut self.opened) {
+            self.power_cycle(GrblWelcome::Clean, scene, now_s);
         }
-        let until_s = self.boots_until_s?;
-        if now_s < until_s {
-            self.reader.clear();
-            return Some(until_s);
+        self.machine.settle(scene, now_s);
+        while let Some(kind) = self.faults.take(now_s, GrblFaultKind::is_timed) {
+            match kind {
+                GrblFaultKind::Restart(welcome) => self.power_cycle(welcome, scene, now_s),
+                GrblFaultKind::CountsJump(by) => self
+                    .machine
+                    .miscount(std::array::from_fn(|n| f64::from(by[n]) / self.machine.board.settings.steps_per_mm(n))),
+                GrblFaultKind::Other(text) if self.boots_until_s.is_none() => self.take_others(text, scene, now_s),
+                _ => {}
+            }
         }
-        self.boots_until_s = None;
-        self.restart(reply, scene, now_s);
-        None
+        if let Some(until_s) = self.boots_until_s {
+            self.reader.clear();
+            if now_s >= until_s {
+                self.boots_until_s = None;
+                let mut said = Reply::default();
+                self.restart(&mut said, scene, now_s);
+                if self.welcome != GrblWelcome::Lost {
+                    let clean = GrblWelcome::Clean.text();
+                    reply.0 += &said.0.replacen(clean, self.welcome.text(), 1);
+                }
+            }
+        }
+    }
+
+    /// Resets the board: it boots, and counts from zero where it is.
+    fn power_cycle(&mut self, welcome: GrblWelcome, scene: &mut Scene, now_s: f64) {
+        self.machine.power_cycle(scene, now_s);
+        self.homing = None;
+        self.unanswered = false;
+        self.lock = lock_at_start(&self.machine.board);
+        self.forget_lines();
+        (self.welcome, self.is_fresh) = (welcome, true);
+        self.boots_until_s = Some(now_s + self.machine.board.boot_s.unwrap_or(0.0));
+    }
+
+    /// Takes what another sender sends. It needs no room, because that sender waits for its answers.
+    fn take_others(&mut self, text: &str, scene: &mut Scene, now_s: f64) {
+        let (mut reader, mut bytes) = (LineReader::default(), format!("{text}\n").into_bytes());
+        while let Some(input) = reader.take(&mut bytes) {
+            match input {
+                GrblInput::RealTime(byte) => self.act(byte, &mut Reply::default(), scene, now_s),
+                GrblInput::Line(Some(text)) => self.waiting.push_back(WaitingLine { text, is_others: true }),
+                GrblInput::Line(None) => {}
+            }
+        }
     }
 
     fn take_line(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
         match self.run(line, reply, scene, now_s) {
             Ok(()) if self.unanswered => {}
-            Ok(()) => reply.line("ok"),
+            Ok(()) => self.ok(reply, now_s),
             Err(fault) => reply.line(format!("error:{}", fault as u8)),
         }
+    }
+
+    fn ok(&mut self, reply: &mut Reply, now_s: f64) {
+        let times = match self.faults.take(now_s, |kind| !kind.is_timed()) {
+            Some(GrblFaultKind::LostOk) => 0,
+            Some(_) => 2,
+            None => 1,
+        };
+        (0..times).for_each(|_| reply.line("ok"));
     }
 
     fn run(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
@@ -316,7 +363,9 @@ impl GrblEmulator {
             b'?' if self.homing.is_some() => self.asked = true,
             _ if self.lock == LockState::Critical || self.homing.is_some() => {}
             b'?' => self.tell_status(reply, scene, now_s),
-            JOG_CANCEL if self.machine.activity() == Activity::Jog => self.machine.cancel(scene, now_s),
+            JOG_CANCEL | HOLD if self.machine.activity() == Activity::Jog => self.machine.cancel(scene, now_s),
+            HOLD if self.lock == LockState::Open => self.machine.hold(scene, now_s),
+            RESUME => self.machine.resume(scene, now_s),
             _ => {}
         }
     }
@@ -328,7 +377,8 @@ impl GrblEmulator {
 
     /// Resets GRBL (0x18). If something moved, the position is lost.
     fn reset(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
-        let in_motion = self.machine.activity() != Activity::Idle;
+        let rests = |rests_s| rests_s <= now_s;
+        let in_motion = self.machine.activity() != Activity::Idle && !self.machine.held_s().is_some_and(rests);
         match (self.homing.take(), self.lock) {
             (Some(_), _) => {
                 reply.alarm(6);
@@ -355,8 +405,7 @@ impl GrblEmulator {
         self.reader.clear();
         self.forget_lines();
         self.asked = false;
-        reply.line("");
-        reply.line("Grbl 1.1h ['$' for help]");
+        reply.line(GrblWelcome::Clean.text());
         if self.lock == LockState::Alarm {
             reply.line("[MSG:'$H'|'$X' to unlock]");
         }
@@ -364,15 +413,18 @@ impl GrblEmulator {
 
     fn status(&self, scene: &Scene, now_s: f64) -> StatusReport {
         let activity = self.machine.activity();
+        let held_s = self.machine.held_s();
         let state = match activity {
             _ if self.lock != LockState::Open => "Alarm",
+            _ if held_s.is_some_and(|rests_s| rests_s > now_s) => "Hold:1",
+            _ if held_s.is_some() => "Hold:0",
             Activity::Idle => "Idle",
             Activity::Run => "Run",
             Activity::Jog => "Jog",
         };
         StatusReport {
             state: state.into(),
-            busy: activity != Activity::Idle,
+            busy: activity != Activity::Idle || held_s.is_some(),
             places_mm: self.machine.places_mm(scene, now_s),
             offset_mm: self.modal.offset_mm(),
             speed_mm_s: self.machine.speed_mm_s(scene, now_s),
@@ -393,82 +445,4 @@ impl GrblEmulator {
 /// State of the lock at power-on (build option HOMING_INIT_LOCK, which stock builds have).
 fn lock_at_start(board: &MotionBoard) -> LockState {
     if board.settings.homes() { LockState::Alarm } else { LockState::Open }
-}
-
-impl GrblEmulator {
-    /// Stores a line until it can be run. A line for which the buffer has no room is lost.
-    fn keep(&mut self, line: &str) {
-        let taken: usize = self.waiting.iter().map(|line| line.len() + 1).sum();
-        if self.waiting.is_empty() || taken + line.len() < RX_MOST {
-            self.waiting.push_back(line.into());
-        }
-    }
-
-    fn forget_lines(&mut self) {
-        self.waiting.clear();
-        self.stall = None;
-    }
-
-    /// Runs the lines that no longer have to wait.
-    fn run_waiting(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
-        while let Some(line) = self.waiting.front().cloned() {
-            if self.lock == LockState::Critical {
-                self.forget_lines(); // it answers nothing until it is reset
-                return;
-            }
-            let stall = self.stall.or_else(|| self.begin_to_wait(&line, scene, now_s));
-            self.stall = stall.and_then(|stall| self.still_waits(stall, now_s));
-            if self.stall.is_some() {
-                return;
-            }
-            self.waiting.pop_front();
-            self.take_line(&line, reply, scene, now_s);
-            if std::mem::take(&mut self.asked) {
-                self.tell_status(reply, scene, now_s);
-            }
-        }
-    }
-
-    /// Time from which the first line may be run, s. `None` if the line waits for another event.
-    fn next_s(&self) -> Option<f64> {
-        Some(match self.stall? {
-            Stall::Room => self.machine.ready_s(),
-            Stall::Dwell { still_s, .. } => still_s,
-            Stall::Until(at_s) => at_s,
-        })
-    }
-
-    /// Returns the reason for which a line has to wait. Starts homing if the line requests it.
-    fn begin_to_wait(&mut self, line: &str, scene: &mut Scene, now_s: f64) -> Option<Stall> {
-        let activity = self.machine.activity();
-        if line == "$H" && self.machine.board.settings.homes() {
-            if activity != Activity::Idle {
-                return None;
-            }
-            let homed = self.machine.home(scene, now_s);
-            self.homing = Some(homed);
-            return Some(Stall::Until(homed.end_s));
-        }
-        if let Some(dwell_s) = GcodeLine::parse(line).ok().and_then(|block| block.dwell_s()) {
-            let runs = self.lock == LockState::Open && activity != Activity::Jog;
-            return runs.then_some(Stall::Dwell { still_s: now_s, dwell_s });
-        }
-        let moves = !line.starts_with('$') || line.starts_with("$J");
-        moves.then_some(Stall::Room)
-    }
-
-    fn still_waits(&self, stall: Stall, now_s: f64) -> Option<Stall> {
-        match stall {
-            Stall::Room => (self.machine.ready_s() > now_s).then_some(stall),
-            Stall::Dwell { still_s, dwell_s } => {
-                let still_s = self.machine.end_s().max(still_s);
-                if still_s > now_s {
-                    Some(Stall::Dwell { still_s, dwell_s })
-                } else {
-                    self.still_waits(Stall::Until(still_s + dwell_s), now_s)
-                }
-            }
-            Stall::Until(at_s) => (at_s > now_s).then_some(stall),
-        }
-    }
 }

@@ -1,6 +1,6 @@
 //! Numbered settings, which a client reads with `$$` and writes with `$n=value` (GRBL's settings document).
 
-use super::fault::GrblError;
+use super::errors::GrblError;
 use std::collections::BTreeMap;
 
 /// Settings of a board, each as in GRBL's manual: rates in mm/min, accelerations in mm/s^2, travels in mm.

@@ -1,5 +1,7 @@
 //! GRBL, line by line.
 
+mod faults;
+
 use super::settings::BoardSettings;
 use super::*;
 use crate::emulator::tests::{POWER_ON, STIFFNESS_N_MM, Wire, scene, scene_with, shared};
@@ -239,7 +241,7 @@ fn a_jog_sent_while_one_is_cancelled_waits_for_it() {
 #[test]
 fn real_time_bytes_in_the_midst_of_a_line_leave_it_whole() {
     let mut bench = GrblBench::homed();
-    let answer = bench.say(40.0, b"$J=X?1\x91 F6!00\n");
+    let answer = bench.say(40.0, b"$J=X?1\x91 F6~00\n");
     assert_eq!(answer, "<Idle|MPos:-12.500,-12.500,-12.500|FS:0,0|Ov:100,100,100> ok");
     assert_eq!(bench.state(42.0).1, [1.0, 0.0, 0.0]);
 }
@@ -484,7 +486,7 @@ proptest! {
         for piece in pieces {
             bench.say(now_s, &piece);
             now_s = bench.done_s.max(now_s) + 0.05;
-            prop_assert!(bench.grbl.waiting.iter().map(String::len).sum::<usize>() < report::RX_MOST);
+            prop_assert!(bench.grbl.waiting.iter().map(|line| line.text.len()).sum::<usize>() < report::RX_MOST);
             for axis in Axis::ALL {
                 let place_mm = bench.true_mm(axis, now_s);
                 prop_assert!(place_mm.abs() <= 12.5 + 1e-6, "{axis:?} at {place_mm}");

@@ -1,6 +1,6 @@
 //! The printer: its axes, its configuration file, and its faults.
 
-use crate::emulator::printer::PrinterFault;
+use crate::emulator::faults::{DeviceFault, FaultAfterBytes};
 
 /// A printer with cartesian axes and the configuration of its Klipper. It has no extruder and no heaters, and its endstops aren't
 /// connected.
@@ -26,6 +26,8 @@ pub struct KlipperBoard {
     pub enable_force_move: bool,
     /// Faults.
     pub faults: Vec<KlipperFault>,
+    /// Faults after some bytes.
+    pub faults_after_bytes: Vec<KlipperFaultAfterBytes>,
 }
 
 impl Default for KlipperBoard {
@@ -42,6 +44,7 @@ impl Default for KlipperBoard {
             idle_timeout_s: 600.0,
             enable_force_move: true,
             faults: Vec::new(),
+            faults_after_bytes: Vec::new(),
         }
     }
 }
@@ -54,7 +57,9 @@ impl KlipperBoard {
 }
 
 /// A fault of the printer or its host.
-pub type KlipperFault = PrinterFault<KlipperFaultKind>;
+pub type KlipperFault = DeviceFault<KlipperFaultKind>;
+/// A fault of them after some bytes on all connections.
+pub type KlipperFaultAfterBytes = FaultAfterBytes<KlipperFaultKind>;
 
 /// Kinds of fault. Each happens once.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,6 +76,8 @@ pub enum KlipperFaultKind {
     SlowAnswer(f64),
     /// The motors are switched off as after the idle timeout.
     IdleTimeout,
+    /// Another client runs this script. It waits for the one that runs (gcode.py), and shares all coordinates with it.
+    Other(&'static str),
 }
 
 impl KlipperFaultKind {

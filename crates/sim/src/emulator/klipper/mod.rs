@@ -23,7 +23,7 @@ mod toolhead;
 
 use super::{Instrument, Owed, Shared};
 use crate::scene::{Scene, SceneDevice};
-pub use board::{KlipperBoard, KlipperFault, KlipperFaultKind};
+pub use board::{KlipperBoard, KlipperFault, KlipperFaultAfterBytes, KlipperFaultKind};
 
 use palpate_core::parallel::lock;
 use printer::{KlipperPrinter, Ticket};
@@ -42,6 +42,7 @@ pub struct KlipperEmulator {
     bell: Arc<Notify>,
     /// Bytes of a request that isn't complete. An inbox is too small for the longest ones.
     received: Vec<u8>,
+    held: Vec<u8>,
     /// Requests that wait for their turn.
     waiting: VecDeque<Vec<u8>>,
     turn: Turn,
@@ -66,8 +67,8 @@ impl KlipperEmulator {
     }
 
     fn on(printer: Shared<KlipperPrinter>, bell: Arc<Notify>) -> Self {
-        let (received, waiting) = (Vec::new(), VecDeque::new());
-        KlipperEmulator { printer, bell, received, waiting, turn: Turn::Next, closes: false }
+        let (received, held, waiting) = (Vec::new(), Vec::new(), VecDeque::new());
+        KlipperEmulator { printer, bell, received, held, waiting, turn: Turn::Next, closes: false }
     }
 
     /// Lets the printer continue and answers what can be answered. Returns the answers, and the time of the next event, s.
@@ -125,12 +126,14 @@ impl Instrument for KlipperEmulator {
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-        self.received.append(inbox);
-        http::take(&mut self.received)
+        lock(&self.printer).faults.admit(inbox, &mut self.held, |bytes| {
+            self.received.append(bytes);
+            http::take(&mut self.received)
+        })
     }
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
-        if self.waiting.len() < WAITING_MOST {
+        if self.waiting.len() < WAITING_MOST && !request.is_empty() {
             self.waiting.push_back(request.to_vec());
         }
         self.go_on(scene, now_s).0

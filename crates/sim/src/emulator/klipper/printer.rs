@@ -4,7 +4,7 @@
 use super::board::{KlipperBoard, KlipperFaultKind};
 use super::gcode::{GcodeMove, POLL_S};
 use super::toolhead::Toolhead;
-use crate::emulator::printer::PrinterFaults;
+use crate::emulator::faults::Faults;
 use crate::scene::Scene;
 use serde_json::Value;
 use std::collections::VecDeque;
@@ -40,7 +40,7 @@ pub(super) struct KlipperPrinter {
     pub toolhead: Toolhead,
     pub gcode: GcodeMove,
     pub klippy: Klippy,
-    pub faults: PrinterFaults<KlipperFaultKind>,
+    pub faults: Faults<KlipperFaultKind>,
     /// Time from which Moonraker accepts connections, s.
     pub moonraker_s: f64,
     /// Whether something happened that another connection may wait for.
@@ -78,7 +78,7 @@ impl KlipperPrinter {
         KlipperPrinter {
             gcode: GcodeMove::default(),
             klippy: Klippy::new("startup", CONNECTING, 0.0),
-            faults: PrinterFaults(board.faults.clone()),
+            faults: Faults::new(&board.faults, &board.faults_after_bytes),
             stirred: false,
             moonraker_s: f64::NEG_INFINITY,
             scripts: VecDeque::new(),
@@ -89,6 +89,7 @@ impl KlipperPrinter {
 
     /// Lets everything happen that is due.
     pub(super) fn run(&mut self, scene: &mut Scene, now_s: f64) {
+        self.faults.come(now_s);
         loop {
             let [fault_s, host_s, script_s, idle_s] = self.due_s();
             match self.klippy.name {
@@ -96,6 +97,7 @@ impl KlipperPrinter {
                     Some(KlipperFaultKind::Shutdown) => self.shut_down(TIMER_TOO_CLOSE, scene, now_s),
                     Some(KlipperFaultKind::McuRestart) => self.restart(scene, now_s),
                     Some(KlipperFaultKind::MoonrakerRestart) => self.moonraker_s = fault_s + MOONRAKER_S,
+                    Some(KlipperFaultKind::Other(script)) => drop(self.queue(script, now_s)),
                     _ => self.toolhead.motors_off(now_s),
                 },
                 "disconnected" if host_s <= now_s => {
@@ -117,10 +119,15 @@ impl KlipperPrinter {
 
     /// Begins a script, or lets it wait for others. Klipper runs one at a time.
     pub(super) fn begin(&mut self, script: &str, scene: &mut Scene, now_s: f64) -> Ticket {
+        let ticket = self.queue(script, now_s);
+        self.run(scene, now_s);
+        ticket
+    }
+
+    fn queue(&mut self, script: &str, now_s: f64) -> Ticket {
         let ticket = Ticket::default();
         let lines = script.split('\n').map(str::to_owned).collect();
         self.scripts.push_back(Script { lines, until_s: now_s, ticket: ticket.clone() });
-        self.run(scene, now_s);
         ticket
     }
 

@@ -1,5 +1,7 @@
 //! Klipper behind Moonraker, request by request.
 
+mod faults;
+
 use super::KlipperFaultKind::{IdleTimeout, LostAnswer, McuRestart, MoonrakerRestart, Shutdown, SlowAnswer};
 use super::*;
 use crate::emulator::tests::{POWER_ON, Wire, scene, shared};

@@ -1,6 +1,6 @@
 //! The printer: its axes, its firmware's configuration, and its faults.
 
-use super::fault::MarlinFault;
+use super::fault::{MarlinFault, MarlinFaultAfterBytes};
 use crate::emulator::grbl::machine::HomingSearch;
 use crate::emulator::grbl::{BoardSettings, MotionBoard};
 
@@ -43,8 +43,12 @@ pub struct MarlinBoard {
     pub slip_mm: [f64; 3],
     /// Time from the opening of the port, which resets the board, to `start`, s. `None`: opening doesn't reset it.
     pub boot_s: Option<f64>,
+    /// Whether M290 is known (BABYSTEPPING). Its steps aren't counted.
+    pub babysteps: bool,
     /// Faults.
     pub faults: Vec<MarlinFault>,
+    /// Faults after some bytes.
+    pub faults_after_bytes: Vec<MarlinFaultAfterBytes>,
 }
 
 impl Default for MarlinBoard {
@@ -66,7 +70,9 @@ impl Default for MarlinBoard {
             idle_s: 120.0,
             slip_mm: [0.0; 3],
             boot_s: Some(2.0),
+            babysteps: false,
             faults: Vec::new(),
+            faults_after_bytes: Vec::new(),
         }
     }
 }
@@ -83,8 +89,8 @@ impl MarlinBoard {
             settings: self.limits(BoardSettings::default()),
             plus_ends_mm: std::array::from_fn(|n| self.min_ends_mm[n] + self.lengths_mm[n]),
             lengths_mm: self.lengths_mm,
-            sets_origin: false,
             boot_s: None,
+            ..MotionBoard::default()
         }
     }
 

@@ -113,6 +113,7 @@ impl MarlinEmulator {
                     reply.line(report::position(planner, scene, now_s));
                 }
             }
+            ('M', 290) if planner.board.babysteps => planner.babystep(command, scene, now_s),
             ('M', 503) => report::settings(planner).iter().for_each(|line| reply.line(line)),
             ('M', 220) => {
                 planner.feed_percent =

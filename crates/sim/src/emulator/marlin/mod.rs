@@ -28,11 +28,11 @@ mod report;
 #[cfg(test)]
 mod tests;
 
-use super::printer::PrinterFaults;
+use super::faults::Faults;
 use super::{Instrument, Owed, Shared};
 use crate::scene::{Scene, SceneDevice};
 pub use board::MarlinBoard;
-pub use fault::{MarlinFault, MarlinFaultKind};
+pub use fault::{Announced, MarlinFault, MarlinFaultAfterBytes, MarlinFaultKind};
 
 use commands::Stall;
 use gcode::MarlinCommand;
@@ -63,6 +63,9 @@ pub struct MarlinEmulator {
     planner: MarlinPlanner,
     power: Power,
     reader: SerialLines,
+    held: Vec<u8>,
+    /// Whether the board was reset by what came last.
+    is_fresh: bool,
     /// Whether what was received before a refused line is discarded.
     flushes: bool,
     /// Number of the last line that was accepted.
@@ -70,7 +73,7 @@ pub struct MarlinEmulator {
     /// Lines that came, at most as many as fit into the serial buffer.
     received: VecDeque<String>,
     /// Lines that were accepted, the one that is carried out in front.
-    commands: VecDeque<String>,
+    commands: VecDeque<QueuedLine>,
     /// What the first of them waits for; `None` before it begins.
     stall: Option<Stall>,
     /// Time until which nothing is carried out, s.
@@ -80,17 +83,25 @@ pub struct MarlinEmulator {
     busy_s: f64,
     /// Time from one report of temperatures to the next, and time of the next, s (M155).
     reports: Option<(f64, f64)>,
-    faults: PrinterFaults<MarlinFaultKind>,
+    faults: Faults<MarlinFaultKind>,
     /// Whether the port was opened since the last request.
     opened: bool,
     bell: Arc<Notify>,
 }
 
+/// Line of the command buffer.
+#[derive(Clone)]
+struct QueuedLine {
+    text: String,
+    /// Whether another host sent it, who gets its answer.
+    is_others: bool,
+}
+
 /// State of the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Power {
-    /// Boots until this time, s.
-    Boots(f64),
+    /// Boots until this time, s, and then announces itself.
+    Boots(f64, Announced),
     Runs,
     /// Killed. The steps end at this time, s.
     Dies(f64),
@@ -116,6 +127,8 @@ impl MarlinEmulator {
             planner: MarlinPlanner::new(board.clone(), scene),
             power: Power::Runs,
             reader: SerialLines::default(),
+            held: Vec::new(),
+            is_fresh: false,
             flushes: false,
             last_line: 0,
             received: VecDeque::new(),
@@ -125,7 +138,7 @@ impl MarlinEmulator {
             keepalive_s: KEEPALIVE_S,
             busy_s: f64::INFINITY,
             reports: None,
-            faults: PrinterFaults(board.faults.clone()),
+            faults: Faults::new(&board.faults, &board.faults_after_bytes),
             opened: false,
             bell: Arc::default(),
             stock: board,
@@ -143,7 +156,7 @@ impl Instrument for MarlinEmulator {
             inbox.clear();
             self.reader.clear();
         }
-        self.reader.take(inbox)
+        self.faults.admit(inbox, &mut self.held, |bytes| self.reader.take(bytes))
     }
 
     fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
@@ -154,7 +167,8 @@ impl Instrument for MarlinEmulator {
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
         let mut reply = MarlinReply::default();
         self.run(&mut reply, scene, now_s);
-        if self.power == Power::Runs {
+        let is_lost = std::mem::take(&mut self.is_fresh) || request.is_empty();
+        if self.power == Power::Runs && !is_lost {
             self.receive(request, now_s);
             self.accept_lines(&mut reply, scene, now_s);
             self.run(&mut reply, scene, now_s);
@@ -170,8 +184,8 @@ impl Instrument for MarlinEmulator {
     fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
         let mut reply = MarlinReply::default();
         self.run(&mut reply, scene, now_s);
-        // what comes after this is no part of what was received before a refused line
-        self.flushes = false;
+        // what comes after this is no part of what was received before a refused line or a reset
+        (self.flushes, self.is_fresh) = (false, false);
         match self.next_event().0 {
             _ if !reply.0.is_empty() => Owed::Ready(reply.0.into_bytes()),
             next_s if next_s.is_finite() => Owed::At(next_s),
@@ -195,8 +209,9 @@ impl MarlinEmulator {
     /// Lets everything happen that is due.
     fn run(&mut self, reply: &mut MarlinReply, scene: &mut Scene, now_s: f64) {
         if std::mem::take(&mut self.opened) {
-            self.reset(scene, now_s);
+            self.reset(Announced::Start, scene, now_s);
         }
+        self.faults.come(now_s);
         loop {
             self.planner.settle(scene, now_s);
             let (at_s, event) = self.next_event();
@@ -205,12 +220,7 @@ impl MarlinEmulator {
             }
             match event {
                 Event::Fault => self.fail(reply, scene, (at_s, now_s)),
-                Event::Ready => {
-                    self.power = Power::Runs;
-                    self.reader.clear();
-                    report::BANNER.iter().for_each(|line| reply.line(line));
-                    report::settings(&self.planner).iter().for_each(|line| reply.line(line));
-                }
+                Event::Ready => self.be_ready(reply),
                 Event::Death => {
                     self.power = Power::Dead;
                     self.planner.cut_off(scene, now_s);
@@ -245,7 +255,7 @@ impl MarlinEmulator {
             (self.planner.rests_s(), Event::Rest),
         ];
         match self.power {
-            Power::Boots(until_s) => earlier(fault, (until_s, Event::Ready)),
+            Power::Boots(until_s, _) => earlier(fault, (until_s, Event::Ready)),
             Power::Dies(until_s) => earlier(fault, (until_s, Event::Death)),
             Power::Dead => fault,
             Power::Runs => running.into_iter().fold(fault, earlier),
@@ -256,26 +266,52 @@ impl MarlinEmulator {
         match self.faults.take(now_s, MarlinFaultKind::is_timed) {
             Some(kind @ MarlinFaultKind::Chatter { every_s }) => {
                 // it happens again
-                self.faults.0.push(MarlinFault { from_s: at_s + every_s.max(0.001), kind });
+                self.faults.add(MarlinFault { from_s: at_s + every_s.max(0.001), kind });
                 if self.power == Power::Runs {
                     reply.line(report::TEMPERATURES);
                 }
             }
-            Some(MarlinFaultKind::Reboot) => self.reset(scene, now_s),
+            Some(MarlinFaultKind::Restart(announced)) => self.reset(announced, scene, now_s),
             Some(MarlinFaultKind::MotorsOff) => self.planner.lose_current(scene, now_s),
+            Some(MarlinFaultKind::CountsJump(by)) => self.planner.miscount(by),
+            Some(MarlinFaultKind::Other(lines)) if self.power == Power::Runs => {
+                self.take_others(lines, reply, scene, now_s)
+            }
             _ => {}
         }
     }
 
     /// Resets the board. The axes move on a little if they moved.
-    fn reset(&mut self, scene: &mut Scene, now_s: f64) {
+    fn reset(&mut self, announced: Announced, scene: &mut Scene, now_s: f64) {
         self.planner.reset(self.stock.clone(), scene, now_s);
-        let faults = PrinterFaults(std::mem::take(&mut self.faults.0));
         let fresh = MarlinEmulator::new(self.stock.clone(), scene);
         let old = std::mem::replace(self, fresh);
-        self.planner = old.planner;
-        self.power = Power::Boots(now_s + self.stock.boot_s.unwrap_or(0.0));
-        (self.faults, self.bell) = (faults, old.bell);
+        (self.planner, self.faults, self.held, self.bell) = (old.planner, old.faults, old.held, old.bell);
+        self.is_fresh = true;
+        self.power = Power::Boots(now_s + self.stock.boot_s.unwrap_or(0.0), announced);
+    }
+
+    /// Runs after a reset, and announces it. What has come of a line meanwhile is lost.
+    fn be_ready(&mut self, reply: &mut MarlinReply) {
+        let Power::Boots(_, announced) = std::mem::replace(&mut self.power, Power::Runs) else { return };
+        self.reader.clear();
+        match announced {
+            Announced::Silent => {}
+            Announced::Cut => reply.0 += announced.first_line(),
+            _ => {
+                reply.line(announced.first_line());
+                report::BANNER.iter().for_each(|line| reply.line(line));
+                report::settings(&self.planner).iter().for_each(|line| reply.line(line));
+            }
+        }
+    }
+
+    /// Puts another host's lines into the command buffer. They need no room, because it waits for that itself.
+    fn take_others(&mut self, lines: &str, reply: &mut MarlinReply, scene: &mut Scene, now_s: f64) {
+        for text in lines.lines() {
+            self.act_early(text, reply, scene, now_s);
+            self.commands.push_back(QueuedLine { text: text.to_owned(), is_others: true });
+        }
     }
 
     /// Stops for good, with a reason.
@@ -287,9 +323,14 @@ impl MarlinEmulator {
 
     /// Answers a line with `ok` and perhaps more.
     fn ok(&mut self, more: &str, reply: &mut MarlinReply, now_s: f64) {
-        if self.faults.take(now_s, |kind| kind == MarlinFaultKind::LostOk).is_none() {
-            reply.line(format!("ok{more}"));
-        }
+        let fault =
+            self.faults.take(now_s, |kind| matches!(kind, MarlinFaultKind::LostOk | MarlinFaultKind::DoubledOk));
+        let times = match fault {
+            Some(MarlinFaultKind::LostOk) => 0,
+            Some(_) => 2,
+            None => 1,
+        };
+        (0..times).for_each(|_| reply.line(format!("ok{more}")));
     }
 }
 
@@ -325,29 +366,39 @@ impl MarlinEmulator {
                     return;
                 }
             }
-            let word = line.trim_start_matches(' ');
-            if word.starts_with("M112") {
-                self.kill(KILLED, reply, now_s);
-            } else if word.starts_with("M410") {
-                self.planner.quick_stop(scene, now_s);
-                self.held_s = now_s + CLEANING_S;
-            }
-            self.commands.push_back(line);
+            self.act_early(&line, reply, scene, now_s);
+            self.commands.push_back(QueuedLine { text: line, is_others: false });
+        }
+    }
+
+    /// Does what a line without a number does before its turn: M112 and M410.
+    fn act_early(&mut self, line: &str, reply: &mut MarlinReply, scene: &mut Scene, now_s: f64) {
+        let word = line.trim_start_matches(' ');
+        if word.starts_with("M112") {
+            self.kill(KILLED, reply, now_s);
+        } else if word.starts_with("M410") {
+            self.planner.quick_stop(scene, now_s);
+            self.held_s = now_s + CLEANING_S;
         }
     }
 
     /// Lets the first command wait, or ends it.
     fn carry_on(&mut self, reply: &mut MarlinReply, scene: &mut Scene, now_s: f64) {
-        let Some(line) = self.commands.front().cloned() else { return };
-        let command = MarlinCommand::parse(&line);
+        let Some(QueuedLine { text, is_others }) = self.commands.front().cloned() else { return };
+        let command = MarlinCommand::parse(&text);
         let waited = self.stall;
         if waited.is_none() {
             self.busy_s = if self.keepalive_s > 0.0 { now_s + self.keepalive_s } else { f64::INFINITY };
+            if self.faults.take(now_s, |kind| kind == MarlinFaultKind::Busy).is_some() {
+                self.stall = Some(Stall::Until(f64::INFINITY));
+                return;
+            }
         }
         self.stall = self.next_stall(waited, &command, scene, now_s);
         if self.stall.is_none() {
             self.busy_s = f64::INFINITY;
-            self.execute(&command, reply, scene, now_s);
+            let mut others = MarlinReply::default();
+            self.execute(&command, if is_others { &mut others } else { reply }, scene, now_s);
             self.commands.pop_front();
             self.accept_lines(reply, scene, now_s);
         }

@@ -243,6 +243,21 @@ impl MarlinPlanner {
         self.motors = on;
     }
 
+    /// M290: moves the axes, and counts nothing.
+    pub(super) fn babystep(&mut self, command: &MarlinCommand<'_>, scene: &mut Scene, now_s: f64) {
+        self.machine.slip(self.lengths_mm(command).map(Option::unwrap_or_default), scene, now_s);
+    }
+
+    /// The counted steps change by these numbers. What is planned is made all the same.
+    pub(super) fn miscount(&mut self, by: [i32; 3]) {
+        let by_mm: [f64; 3] = std::array::from_fn(|n| f64::from(by[n]) / self.board.steps_per_mm[n]);
+        self.machine.miscount(by_mm);
+        for n in 0..3 {
+            self.planned[n] += i64::from(by[n]);
+            self.at_mm[n] += by_mm[n];
+        }
+    }
+
     /// M17.
     pub(super) fn motors_on(&mut self, axes: [bool; 3]) {
         for (motor, on) in self.motors.iter_mut().zip(axes) {

@@ -6,9 +6,8 @@ use crate::scene::Scene;
 /// Temperatures, all heaters off.
 pub(super) const TEMPERATURES: &str = " T:21.00 /0.00 B:21.00 /0.00 @:0 B@:0";
 
-/// First lines after a reset. The settings follow.
-pub(super) const BANNER: [&str; 7] = [
-    "start",
+/// Lines after a reset, behind its announcement. The settings follow.
+pub(super) const BANNER: [&str; 6] = [
     "Marlin 2.1.2",
     "",
     "echo: Last Updated: 2022-12-17 | Author: (none, default config)",

@@ -1,5 +1,7 @@
 //! Marlin, line by line.
 
+mod faults;
+
 use super::*;
 use crate::emulator::tests::{POWER_ON, STIFFNESS_N_MM, Wire, scene, shared};
 use palpate_core::quantity::Axis;
@@ -498,55 +500,6 @@ fn temperatures_are_reported_when_asked_for_and_by_a_fault() {
         MarlinBench::on(MarlinBoard { faults: vec![at(3.0, MarlinFaultKind::Chatter { every_s: 0.4 })], ..board() });
     assert_eq!(bench.hear(3.5), format!(" {report}| {report}"));
     assert_eq!(bench.send(3.9, "M114\n"), format!(" {report}|{UNHOMED}"));
-}
-
-#[test]
-fn an_ok_is_lost_and_a_line_is_garbled() {
-    let faults = vec![
-        at(1.0, MarlinFaultKind::LostOk),
-        at(2.0, MarlinFaultKind::GarbledLine),
-        at(3.0, MarlinFaultKind::GarbledLine),
-    ];
-    MarlinBench::on(MarlinBoard { faults, ..board() }).script(&[
-        (0.5, "G91\n", "ok"),
-        (1.0, "G1 X1\n", ""),
-        (1.1, "M110 N4\n", "ok"),
-        (2.0, &numbered(5, "G90"), "Error:checksum mismatch, Last Line: 4|Resend: 5|ok"),
-        (2.1, &numbered(5, "G90"), "ok"),
-        (3.0, "G1 X5\n", "echo:Unknown command: \"F1 X5\"|ok"),
-        (4.0, "M114\n", "X:1.00 Y:0.00 Z:25.00 E:0.00 Count X:80 Y:0 Z:10000|ok"),
-    ]);
-}
-
-#[test]
-fn a_reboot_in_contact_loses_the_place_and_the_lines() {
-    let faults = vec![at(41.0, MarlinFaultKind::Reboot)];
-    let mut bench = MarlinBench::homed(MarlinBoard { faults, boot_s: Some(2.0), ..board() });
-    assert_eq!(bench.send(40.0, "G91\nG1 Z-1 F30\nM400\n"), "ok|ok");
-    assert_eq!(bench.hear(41.5), "");
-    assert_eq!(bench.send(42.0, "M114\n"), "");
-    let banner = bench.hear(43.0);
-    assert!(banner.starts_with("start|Marlin 2.1.2||echo: Last Updated: "), "{banner}");
-    assert!(banner.contains("|echo:  M92 X80.00 Y80.00 Z400.00 E500.00|"), "{banner}");
-    let z_mm = bench.true_mm(Axis::Z, 50.0);
-    assert!((-0.51..-0.49).contains(&z_mm), "{z_mm}");
-    // G91 is lost, too, and z counts its home
-    bench
-        .script(&[(50.0, "M114\n", "X:0.00 Y:0.00 Z:25.00 E:0.00 Count X:0 Y:0 Z:10000|ok"), (51.0, "G1 Z26\n", "ok")]);
-    assert!((bench.true_mm(Axis::Z, 55.0) - z_mm - 1.0).abs() < 1e-5);
-}
-
-#[test]
-fn motors_without_current_are_counted_on() {
-    let faults = vec![at(40.5, MarlinFaultKind::MotorsOff)];
-    let mut bench = MarlinBench::homed(MarlinBoard { faults, slip_mm: [0.0, 0.0, -0.2], ..board() });
-    bench.script(&[
-        (40.0, "G91\nG1 X10 F600\n", "ok|ok"),
-        (40.5, "M114\n", "X:22.50 Y:12.50 Z:12.50 E:0.00 Count X:1800 Y:1000 Z:5000|ok"),
-    ]);
-    let x_mm = bench.true_mm(Axis::X, 46.0);
-    assert!((4.9..5.1).contains(&x_mm), "{x_mm}");
-    assert_eq!(bench.true_mm(Axis::Z, 46.0), -0.2);
 }
 
 #[tokio::test(start_paused = true)]

@@ -3,10 +3,12 @@
 //! They support the requests on that page and answer all others with an error. A request without an id gets its error under the
 //! id `null`.
 
+mod fault;
 mod stage;
 #[cfg(test)]
 mod tests;
 
+pub use fault::{ProcessStageFault, ProcessStageFaultAfterBytes, ProcessStageFaultKind};
 pub use stage::{Printer, ProcessStageEmulator};
 
 use super::Instrument;

@@ -1,5 +1,6 @@
 //! The stage of the process protocol.
 
+use super::fault::{ProcessStageFault, ProcessStageFaultAfterBytes, ProcessStageFaultKind, StageFaults};
 use super::{Instrument, ProcessReply, Request, identity, object, reply, reply_line, take_line, unknown};
 use crate::emulator::Owed;
 use crate::scene::{Scene, SceneDevice, Trajectory};
@@ -54,6 +55,7 @@ pub struct ProcessStageEmulator {
     limits_mm: Option<[Range; 3]>,
     acceleration_mm_s2: f64,
     preparing: Option<Preparing>,
+    faults: StageFaults,
     bell: Arc<Notify>,
 }
 
@@ -78,6 +80,7 @@ impl ProcessStageEmulator {
             limits_mm: None,
             acceleration_mm_s2: FIRST_MM_S2,
             preparing: None,
+            faults: StageFaults::new(&[], &[]),
             bell: Arc::default(),
         }
     }
@@ -89,6 +92,12 @@ impl ProcessStageEmulator {
             ProcessStageEmulator { ends_mm, steps, homed, reports_home: true, ..ProcessStageEmulator::new(scene) };
         if homed { ProcessStageEmulator { offset_mm: [0.0; 3], ..stage } } else { stage }
     }
+
+    /// Gives the stage faults: at their times, and after some bytes.
+    #[must_use]
+    pub fn with_faults(self, timed: &[ProcessStageFault], after_bytes: &[ProcessStageFaultAfterBytes]) -> Self {
+        ProcessStageEmulator { faults: StageFaults::new(timed, after_bytes), ..self }
+    }
 }
 
 impl Instrument for ProcessStageEmulator {
@@ -97,10 +106,70 @@ impl Instrument for ProcessStageEmulator {
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-        take_line(inbox)
+        self.faults.pending.admit(inbox, &mut self.faults.held, take_line)
     }
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        let is_lost = self.go_on(scene, now_s) || request.is_empty();
+        let reply = if is_lost { Vec::new() } else { self.carry_out(request, scene, now_s) };
+        self.faults.said(reply, now_s)
+    }
+
+    fn bell(&self) -> Option<Arc<Notify>> {
+        Some(self.bell.clone())
+    }
+
+    fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
+        self.go_on(scene, now_s);
+        if let Some(preparing) = self.preparing.take_if(|preparing| preparing.end_s <= now_s) {
+            let reply = self.end_preparing(preparing);
+            return Owed::Ready(self.faults.said(reply, now_s));
+        }
+        let prepared_s = self.preparing.as_ref().map_or(f64::INFINITY, |preparing| preparing.end_s);
+        let next_s = prepared_s.min(self.faults.next_s());
+        if next_s.is_finite() { Owed::At(next_s) } else { Owed::Nothing }
+    }
+}
+
+impl ProcessStageEmulator {
+    /// Lets the faults happen that are due. Returns whether what came last is lost in a restart.
+    fn go_on(&mut self, scene: &mut Scene, now_s: f64) -> bool {
+        self.faults.pending.come(now_s);
+        let mut is_lost = false;
+        let at_s = self.faults.next_s();
+        while let Some(kind) = self.faults.pending.take(now_s, ProcessStageFaultKind::is_timed) {
+            match kind {
+                ProcessStageFaultKind::NeverDone => self.faults.never_done = true,
+                ProcessStageFaultKind::LosesCount => self.count_from_here(scene),
+                ProcessStageFaultKind::CountsJump(by_mm) => {
+                    self.offset_mm = std::array::from_fn(|n| self.offset_mm[n] - by_mm[n]);
+                }
+                ProcessStageFaultKind::Restart => {
+                    self.brake_all(scene, now_s);
+                    self.count_from_here(scene);
+                    (self.homed, self.limits_mm, self.preparing, self.faults.never_done) = (false, None, None, false);
+                    self.faults.held.clear();
+                    is_lost = at_s == now_s;
+                }
+                ProcessStageFaultKind::IgnoresStop => self.faults.ignores_stop = true,
+                ProcessStageFaultKind::ToIsRelative => self.faults.to_is_relative = true,
+                ProcessStageFaultKind::Other(lines) => {
+                    for line in lines.lines() {
+                        self.carry_out(line.as_bytes(), scene, now_s);
+                    }
+                }
+                ProcessStageFaultKind::LostAnswer | ProcessStageFaultKind::DoubledAnswer => {}
+            }
+        }
+        is_lost
+    }
+
+    fn count_from_here(&mut self, scene: &Scene) {
+        self.offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
+    }
+
+    /// Carries out a request, and returns its answer, unless it is owed.
+    fn carry_out(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
         let parsed = Request::parse(request);
         match parsed.as_ref().map(|request| (request, request.verb())) {
             Ok((_, Ok("stop"))) => self.stop(scene, now_s),
@@ -122,24 +191,6 @@ impl Instrument for ProcessStageEmulator {
         Vec::new()
     }
 
-    fn bell(&self) -> Option<Arc<Notify>> {
-        Some(self.bell.clone())
-    }
-
-    fn owed(&mut self, _: &mut Scene, now_s: f64) -> Owed {
-        match self.preparing.take() {
-            None => Owed::Nothing,
-            Some(preparing) if preparing.end_s > now_s => {
-                let end_s = preparing.end_s;
-                self.preparing = Some(preparing);
-                Owed::At(end_s)
-            }
-            Some(preparing) => Owed::Ready(self.end_preparing(preparing)),
-        }
-    }
-}
-
-impl ProcessStageEmulator {
     /// Brings the stage to rest, and starts a search for home if its home isn't known.
     fn prepare(&mut self, request: &Request, scene: &mut Scene, now_s: f64) {
         let outcome = self.begin(request, scene, now_s);
@@ -171,7 +222,7 @@ impl ProcessStageEmulator {
         let speed_mm_s = within(request.number("speed_mm_s")?, MOST_MM_S, "mm/s")?;
         let acceleration_mm_s2 = within(request.number("acceleration_mm_s2")?, MOST_MM_S2, "mm/s^2")?;
         // with the old one: a weaker brake could carry an axis past the end
-        self.stop(scene, now_s);
+        self.brake_all(scene, now_s);
         self.acceleration_mm_s2 = acceleration_mm_s2;
         if !self.homed {
             let mut from_s = now_s;
@@ -199,7 +250,7 @@ impl ProcessStageEmulator {
                 }
             }
             if from_s > now_s + SEARCH_MOST_S {
-                self.stop(scene, now_s);
+                self.brake_all(scene, now_s);
                 return Err("homing would take too long at this speed".into());
             }
         }
@@ -220,7 +271,11 @@ impl ProcessStageEmulator {
     fn start_move(&mut self, request: &Request, scene: &mut Scene, now_s: f64) -> ProcessReply {
         let limits_mm = self.limits_mm.ok_or("the stage isn't prepared")?;
         let speed_mm_s = within(request.number("speed_mm_s")?, MOST_MM_S, "mm/s")?;
+        let rests_mm = |axis: Axis| scene.motion(axis).end_mm() - self.offset_mm[axis.index()];
         let mut targets_mm = match request.axes("to_mm")? {
+            Some(by_mm) if self.faults.to_is_relative => {
+                Axis::ALL.map(|axis| by_mm[axis.index()].map(|by_mm| rests_mm(axis) + by_mm))
+            }
             Some(to_mm) => to_mm,
             None => self.ends_of_ways(request, scene, now_s)?,
         };
@@ -231,7 +286,8 @@ impl ProcessStageEmulator {
                 return Err(format!("{} = {target_mm} mm exceeds the travel", axis.name()));
             }
             let Range { min, max } = self.ends_mm[axis.index()];
-            *target_mm = self.nearest_mm(axis, scene.target_mm(*target_mm)).clamp(min, max);
+            let place_mm = self.offset_mm[axis.index()] + self.nearest_mm(axis, scene.target_mm(*target_mm));
+            *target_mm = place_mm.clamp(min, max);
         }
         for (axis, target_mm) in Axis::ALL.into_iter().zip(targets_mm) {
             if let Some(target_mm) = target_mm {
@@ -283,12 +339,19 @@ impl ProcessStageEmulator {
     }
 
     fn stop(&mut self, scene: &mut Scene, now_s: f64) {
-        for axis in Axis::ALL {
-            scene.set_motion(axis, self.brake(axis, scene, now_s), now_s);
+        if self.faults.ignores_stop {
+            return;
         }
+        self.brake_all(scene, now_s);
         if let Some(preparing) = &mut self.preparing {
             preparing.outcome = Err("stopped while it was being prepared".into());
             preparing.end_s = rest_s(scene, now_s);
+        }
+    }
+
+    fn brake_all(&self, scene: &mut Scene, now_s: f64) {
+        for axis in Axis::ALL {
+            scene.set_motion(axis, self.brake(axis, scene, now_s), now_s);
         }
     }
 
@@ -321,7 +384,7 @@ impl ProcessStageEmulator {
     }
 
     fn status(&self, scene: &mut Scene, now_s: f64) -> Map<String, Value> {
-        let moving = Axis::ALL.into_iter().any(|axis| scene.motion(axis).moving(now_s));
+        let moving = self.faults.never_done || Axis::ALL.into_iter().any(|axis| scene.motion(axis).moving(now_s));
         let place_mm = |axis: Axis| (axis.name().to_owned(), json!(self.count_mm(axis, scene, now_s)));
         let position_mm: Map<String, Value> = Axis::ALL.into_iter().map(place_mm).collect();
         let mut status = object(json!({ "moving": moving, "position_mm": position_mm }));

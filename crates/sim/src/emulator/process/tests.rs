@@ -1,5 +1,7 @@
 //! Emulated programs, line by line.
 
+mod faults;
+
 use super::*;
 use crate::emulator::tests::{POWER_ON, Wire, pressed, scene, shared};
 use crate::emulator::{INBOX_MOST, Owed};

@@ -35,7 +35,7 @@ mod variables;
 
 use super::{Instrument, Owed, Shared};
 use crate::scene::{Scene, SceneDevice};
-pub use arm::{UrArm, UrFault, UrFaultKind};
+pub use arm::{UrArm, UrFault, UrFaultAfterBytes, UrFaultKind};
 use dashboard::Dashboard;
 use palpate_core::parallel::lock;
 use robot::Robot;
@@ -70,6 +70,7 @@ pub struct UrEmulator {
     bell: Arc<Notify>,
     port: u16,
     link: Box<dyn Link>,
+    held: Vec<u8>,
 }
 
 impl UrEmulator {
@@ -77,7 +78,7 @@ impl UrEmulator {
     /// the scene's axes.
     pub fn new(arm: UrArm, scene: &Scene) -> Self {
         let robot = Arc::new(Mutex::new(Robot::new(arm, scene)));
-        UrEmulator { robot, bell: Arc::default(), port: RTDE_PORT, link: Box::<Rtde>::default() }
+        UrEmulator { robot, bell: Arc::default(), port: RTDE_PORT, link: Box::<Rtde>::default(), held: Vec::new() }
     }
 }
 
@@ -87,13 +88,16 @@ impl Instrument for UrEmulator {
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-        self.link.take_request(inbox)
+        if self.port != SECONDARY_PORT {
+            return self.link.take_request(inbox);
+        }
+        lock(&self.robot).faults.admit(inbox, &mut self.held, |bytes| self.link.take_request(bytes))
     }
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
         let mut robot = lock(&self.robot);
         robot.run(scene, now_s);
-        let answer = self.link.answer(request, &mut robot, scene, now_s);
+        let answer = if request.is_empty() { Vec::new() } else { self.link.answer(request, &mut robot, scene, now_s) };
         self.bell.notify_waiters();
         answer
     }
@@ -110,7 +114,7 @@ impl Instrument for UrEmulator {
             _ => return None,
         };
         let (robot, bell) = (self.robot.clone(), self.bell.clone());
-        Some(Arc::new(Mutex::new(UrEmulator { robot, bell, port, link })))
+        Some(Arc::new(Mutex::new(UrEmulator { robot, bell, port, link, held: Vec::new() })))
     }
 
     fn bell(&self) -> Option<Arc<Notify>> {

@@ -1,10 +1,12 @@
 //! The controller: power, safety, faults and registers. All its ports act on it.
 
-use super::arm::{UrArm, UrFault, UrFaultKind};
+use super::arm::{UrArm, UrFaultKind};
 use super::motion::Path;
 use super::pose::{self, Pose};
-use super::script::{Statement, Value};
+use super::programs::CYCLE_S;
+use super::script::{Statement, Value, read_program};
 use super::turn::Turn;
+use crate::emulator::faults::Faults;
 use crate::scene::Scene;
 use palpate_core::quantity::Axis;
 use std::collections::HashMap;
@@ -41,6 +43,7 @@ pub(super) enum Runtime {
 /// The controller and the arm.
 pub(super) struct Robot {
     pub arm: UrArm,
+    pub faults: Faults<UrFaultKind>,
     pub is_on: bool,
     pub safety: Safety,
     pub runtime: Runtime,
@@ -72,10 +75,10 @@ pub(super) struct Robot {
 }
 
 impl Robot {
-    pub(super) fn new(mut arm: UrArm, scene: &Scene) -> Robot {
-        arm.faults.sort_by(|a, b| b.from_s.total_cmp(&a.from_s));
+    pub(super) fn new(arm: UrArm, scene: &Scene) -> Robot {
         let rest = (Axis::ALL.map(|axis| scene.motion(axis).end_mm()), Turn::of(arm.rotvec_rad));
         Robot {
+            faults: Faults::new(&arm.faults, &arm.faults_after_bytes),
             arm,
             is_on: true,
             safety: Safety::Normal,
@@ -101,6 +104,7 @@ impl Robot {
 
     /// Lets everything happen that is due.
     pub(super) fn run(&mut self, scene: &mut Scene, now_s: f64) {
+        self.faults.come(now_s);
         while self.next_s() <= now_s + EARLY_S {
             if self.next_s() == self.fault_s() {
                 self.fail(scene, now_s);
@@ -118,11 +122,12 @@ impl Robot {
     }
 
     fn fault_s(&self) -> f64 {
-        self.arm.faults.last().map_or(f64::INFINITY, |fault| fault.from_s)
+        self.faults.next_s(|_| true)
     }
 
     fn fail(&mut self, scene: &mut Scene, now_s: f64) {
-        let Some(UrFault { from_s, kind }) = self.arm.faults.pop() else { return };
+        let from_s = self.fault_s();
+        let Some(kind) = self.faults.take(now_s + EARLY_S, |_| true) else { return };
         match kind {
             UrFaultKind::ProtectiveStop if self.safety == Safety::Normal => {
                 self.safety = Safety::ProtectiveStop(from_s);
@@ -144,6 +149,11 @@ impl Robot {
             UrFaultKind::LocalControl => self.is_remote = false,
             UrFaultKind::Sideways { mm } => self.deviation.0 = mm,
             UrFaultKind::Tilt { rad } => self.deviation.1 = rad,
+            UrFaultKind::Other(program) => {
+                if let Some(program) = read_program(program.as_bytes()) {
+                    self.take(program, now_s, scene, now_s);
+                }
+            }
         }
     }
 
@@ -159,7 +169,9 @@ impl Robot {
     /// Pose of the TCP, as the encoders have it.
     pub(super) fn actual_pose(&self, scene: &mut Scene, now_s: f64) -> Pose {
         let place_mm = Axis::ALL.map(|axis| scene.axis(axis, now_s).0);
-        self.tcp_pose(place_mm, self.path.turn(now_s))
+        let (off_mm, off_rad) = self.arm.noise(((now_s + EARLY_S) / CYCLE_S) as u64);
+        let place_mm = std::array::from_fn(|n| place_mm[n] + off_mm[n]);
+        self.tcp_pose(place_mm, self.path.turn(now_s).then(Turn::of(off_rad)))
     }
 
     /// Pose of the TCP as planned.

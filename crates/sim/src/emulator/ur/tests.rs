@@ -17,7 +17,7 @@ fn to_z(z_mm: f64) -> String {
 
 fn arm(faults: &[(f64, UrFaultKind)]) -> UrArm {
     let faults = faults.iter().map(|&(from_s, kind)| UrFault { from_s, kind }).collect();
-    UrArm { faults, force_error_n: 0.0, ..UrArm::default() }
+    UrArm { faults, force_error_n: 0.0, pose_noise: (0.0, 0.0), ..UrArm::default() }
 }
 
 /// A robot and its scene, talked to at given times, and one link to each port: RTDE, secondary, dashboard.
@@ -159,6 +159,28 @@ fn what_cannot_run_moves_nothing() {
     bench.goes(6.0, &ask, &[(7.0, 1, 7, 8.0)]);
 }
 
+/// A program of another client.
+const TCP_10_MM_OFF: &str = "sec tool():\n set_tcp(p[0,0,0.01,0,0,0])\nend\n";
+
+#[test]
+fn another_client_sets_a_tcp_in_the_midst_of_a_program_of_ours_or_moves_the_arm() {
+    let program = to_z(6.0);
+    for bytes in [1, program.len() as u64 / 2, program.len() as u64] {
+        let fault = UrFaultAfterBytes { bytes, kind: UrFaultKind::Other(TCP_10_MM_OFF) };
+        let scene = scene();
+        let robot = UrEmulator::new(UrArm { faults_after_bytes: vec![fault], ..arm(&[]) }, &scene);
+        let links = [RTDE_PORT, SECONDARY_PORT, DASHBOARD_PORT].map(|port| robot.at_port(port).expect("a port"));
+        let mut bench = UrBench { robot, scene, links, now_s: 0.0 };
+        bench.goes(1.0, &program, &[(3.5, 1, 2, 6.0)]);
+        // its TCP is at 6, so its tip is higher
+        assert!((bench.scene.axis(Axis::Z, 3.5).0 - 16.0).abs() < 1e-9, "{bytes}");
+    }
+    let jog = "def jog():\n movel(pose_add(get_actual_tcp_pose(), p[0,0,-0.001,0,0,0]), a=1, v=0.1)\nend\n";
+    let mut bench = UrBench::new(&[(1.2, UrFaultKind::Other(jog)), (5.0, UrFaultKind::Other(TCP_10_MM_OFF))], scene());
+    // ours has gone 0.5 mm, brakes, and is never ended
+    bench.goes(1.0, &to_z(6.0), &[(1.19, 2, 1, 7.595), (4.0, 1, 1, 6.487), (5.1, 1, 1, -3.513)]);
+}
+
 /// A program that goes by a distance from where the arm is, mm, if that is near where it is expected, mm.
 fn by_z(way_mm: f64, expected_mm: f64) -> String {
     let expected = format!("p[0.299, -0.198, {}, 3.141592653589793, 0, 0]", 0.1 + expected_mm / 1000.0);
@@ -268,6 +290,33 @@ fn deviations_end_on_the_line_and_the_force_pushes_back() {
     assert!(ends.as_flattened().iter().zip([2e-4, -0.01, 0.0, 0.0]).all(|(a, b)| (a - b).abs() < 1e-8), "{ends:?}");
     let force = UrBench::new(&[], pressed(0.5 * STIFFNESS_N_MM)).readings(1.0)[3];
     assert!((force[2] - 0.5 * STIFFNESS_N_MM).abs() < 1e-9 && force[0].abs() < 1e-9, "{force:?}");
+}
+
+#[test]
+fn a_resting_pose_has_the_noise_of_a_real_arm_and_the_planned_one_has_none() {
+    let scene = scene();
+    let robot = UrEmulator::new(UrArm::default(), &scene);
+    let links = [RTDE_PORT, SECONDARY_PORT, DASHBOARD_PORT].map(|port| robot.at_port(port).expect("a port"));
+    let mut bench = UrBench { robot, scene, links, now_s: 0.0 };
+    let readings: Vec<[[f64; 6]; 2]> = (0..5000)
+        .map(|cycle| {
+            let [pose, planned, ..] = bench.readings(f64::from(cycle) * 0.002);
+            [pose, planned]
+        })
+        .collect();
+    assert_eq!(bench.readings(9.998)[0], readings[4999][0], "the same cycle");
+    let sd = |values: &[f64]| {
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
+    };
+    for n in 0..3 {
+        let um: Vec<f64> = readings.iter().map(|[pose, planned]| 1e6 * (pose[n] - planned[n])).collect();
+        let means: Vec<f64> = um.chunks(25).map(|chunk| chunk.iter().sum::<f64>() / 25.0).collect();
+        let next: f64 = um.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / (um.len() as f64 * 169.0);
+        let found = (sd(&um), sd(&means), next);
+        assert!((12.0..14.0).contains(&found.0) && (2.2..3.0).contains(&found.1) && next.abs() < 0.05, "{found:?}");
+        assert!(readings.iter().all(|[_, planned]| planned[n] == readings[0][1][n]));
+    }
 }
 
 fn served(robot: &UrEmulator, port: u16, scene: &Shared<Scene>, origin: Instant) -> DuplexStream {
