@@ -8,6 +8,7 @@ mod false_trips;
 mod faults;
 mod finishing;
 mod first_descent;
+mod forgetting;
 mod gain;
 mod host;
 mod machine;

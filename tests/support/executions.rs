@@ -113,8 +113,9 @@ pub struct ExecutedRun {
     pub ready_s: f64,
     /// Its duration, s.
     pub virtual_s: f64,
-    /// Messages that the stage received.
+    /// Messages that the stage received, and their bytes.
     pub messages: usize,
+    pub bytes: u64,
     /// The force on the specimen when everything was at rest again, N.
     pub left_n: f64,
 }
@@ -199,7 +200,7 @@ pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper
         watched.look(now_s);
         let at_rest = scene.lock().expect("the walk is over").run_out(now_s);
         watched.seen.truth.take(at_rest);
-        let ExecutionSeen { truth, orphaned, messages } = watched.seen;
+        let ExecutionSeen { truth, orphaned, messages, bytes } = watched.seen;
         ExecutedRun {
             ending,
             ledger,
@@ -208,6 +209,7 @@ pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper
             ready_s: listener.ready_s,
             virtual_s,
             messages,
+            bytes,
             left_n: at_rest.force_true_n,
         }
     })
@@ -246,6 +248,7 @@ struct ExecutionSeen {
     truth: WorstTruth,
     orphaned: WorstTruth,
     messages: usize,
+    bytes: u64,
 }
 
 impl Watched {
@@ -291,6 +294,7 @@ impl Instrument for Eye {
         let reply = self.watch(scene, now_s, |stage, scene| stage.answer(request, scene, now_s));
         let mut watched = self.watched.lock().expect("a device that lives");
         watched.seen.messages += 1;
+        watched.seen.bytes += request.len() as u64;
         if watched.deaths == Deaths::Tried {
             watched.seen.orphaned.take(scene.run_out(now_s));
         }

@@ -110,7 +110,8 @@ impl Moonraker {
             let message = answer.get("error").and_then(|error| error.get("message"));
             let text = message.and_then(Value::as_str).map_or_else(|| format!("{answer:?}"), str::to_owned);
             if answer.get("error").and_then(|error| error["code"].as_i64()).is_some_and(|code| code >= 500) {
-                return Err(self.failed(doing, &format!("Moonraker has lost its printer: {text}")));
+                let text = format!("Moonraker has lost its printer: {text}");
+                return Err(self.error(doing, DeviceProblem::Motion(text)));
             }
             return Err(self.error(doing, DeviceProblem::Refused(text)));
         }

@@ -164,16 +164,15 @@ impl MarlinPort {
             }
             self.send_numbered(doing, command).await?;
             let answer = self.answer(doing, until.min(Instant::now() + takes + AGAIN_AFTER), until).await?;
-            self.in_doubt |= !matches!(answer, Answer::Ok);
+            self.in_doubt |= matches!(answer, Answer::None);
             match answer {
                 Answer::Ok | Answer::Taken => {
                     self.taken = self.number;
                     return Ok(());
                 }
                 Answer::Restarted => return Err(self.lost(doing)),
-                Answer::Again => self.drain(doing).await?,
                 Answer::None if Instant::now() >= until => break,
-                Answer::None => {}
+                Answer::Again | Answer::None => {}
             }
         }
         Err(self.error(doing, DeviceProblem::Link(silent(command, takes + ANSWER_DEADLINE).to_string())))
@@ -195,6 +194,8 @@ impl MarlinPort {
                 MarlinReport::Ok => return Ok(Answer::Ok),
                 MarlinReport::Resend(wanted) => {
                     self.keep(report);
+                    // each request for a line ends with an `ok` of its own (queue.cpp, `flush_and_request_resend`)
+                    self.in_doubt = self.next(doing, Instant::now() + QUIET).await? != Some(MarlinReport::Ok);
                     return Ok(match wanted {
                         wanted if wanted <= self.taken => {
                             self.restarted();

@@ -152,7 +152,7 @@ async fn a_damaged_line_and_one_without_an_answer_are_sent_again_with_their_numb
         numbered(first, &[(motion, damaged)]),
         numbered(first, &[(motion, "")]), // its `ok` is lost
         numbered(first, &[(motion, had)]),
-        numbered(after, &[("M118 palpate2", "palpate2\nok\n"), ends[0], ends[1]]),
+        numbered(after, &ends),
     ];
     let (mut stage, device) = ready_for(&script.concat()).await;
     assert_eq!(moved(&mut stage, &[(Axis::Z, -1.0)]).await, [-1.0]);

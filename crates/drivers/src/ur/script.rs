@@ -31,10 +31,11 @@ pub(super) fn motion(
 }
 
 /// Returns a program with one straight motion from where the tool is, without turning it, mm in the base, mm/s and mm/s^2. The robot itself
-/// adds the displacement (script manual, `pose_add`), so another TCP or frame doesn't change it.
+/// adds the displacement (script manual, `pose_add`), so another TCP or frame doesn't change it. The target pose has no noise, which would
+/// turn the tool a little in each motion.
 pub(super) fn displacement(number: i32, by_mm: [f64; 3], speed_mm_s: f64, acceleration_mm_s2: f64) -> String {
     let (by, a, v) = (pose(by_mm, [0.0; 3]), acceleration_mm_s2 / 1000.0, speed_mm_s / 1000.0);
-    program(number, &format!("  movel(pose_add(get_actual_tcp_pose(), {by}), a={a:.6}, v={v:.6})\n"))
+    program(number, &format!("  movel(pose_add(get_target_tcp_pose(), {by}), a={a:.6}, v={v:.6})\n"))
 }
 
 /// Returns a program that replaces the one under way and brings the arm to rest.

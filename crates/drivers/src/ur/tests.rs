@@ -93,7 +93,7 @@ impl FakeArm {
             let pose: Vec<f64> = rest.split(']').next().unwrap().split(',').map(|each| each.parse().unwrap()).collect();
             let zero_mm = match motion {
                 "" => ORIGIN_MM.map(|mm| -mm),
-                "pose_add(get_actual_tcp_pose(), " => self.at_mm,
+                "pose_add(get_target_tcp_pose(), " => self.at_mm,
                 other => panic!("{other}"),
             };
             self.at_mm = std::array::from_fn(|axis| 1000.0 * pose[axis] + zero_mm[axis]);

@@ -4,7 +4,7 @@ use super::Halt;
 use super::rig_control::{RigControl, WatchedLoadCell};
 use palpate_control::{MotionProfile, SafetyRule, Trip, check_sound};
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{AxisWay, LoadCell, MotionOrders, SensorArray, Stage};
+use palpate_link::device::{AxisWay, DeviceProblem, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, timeout};
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -17,6 +17,10 @@ const RETRACT_TRIES: usize = 3;
 const RISE_READINGS: usize = 5;
 /// Longest wait for the reading in progress at the end of a retraction.
 const LAST_READING_DEADLINE: Duration = Duration::from_millis(250);
+
+/// Times after which a stage is asked again that answered with a complaint.
+const COMPLAINT_PAUSES: [Duration; 4] =
+    [Duration::ZERO, Duration::from_millis(500), Duration::from_secs(2), Duration::from_secs(5)];
 
 /// Time between two read-backs of a stage that was stopped, and the longest wait until two of them agree.
 const REST_LOOK: Duration = Duration::from_millis(50);
@@ -92,9 +96,21 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
 
     /// Stops all axes and reads their positions back until they rest.
     ///
+    /// A stage that answers with a complaint is asked again: a lost place is stated once, and a controller that restarts takes its time.
+    ///
     /// # Errors
     /// The stage moves on, or doesn't answer.
     pub(super) async fn stop_and_see(&mut self) -> Result<(), Halt> {
+        for pause in COMPLAINT_PAUSES {
+            let seen = async {
+                self.stage.stop().await?;
+                rests(&mut self.stage).await
+            };
+            match seen.await {
+                Err(Halt::Device(error)) if !matches!(error.problem, DeviceProblem::Link(_)) => sleep(pause).await,
+                seen => return seen,
+            }
+        }
         self.stage.stop().await?;
         rests(&mut self.stage).await
     }

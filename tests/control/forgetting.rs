@@ -1,0 +1,217 @@
+//! Stages that forget where they are: boards that restart in every form after every byte of a press, and boards with a second host.
+//!
+//! A motion is a displacement, so what a board forgets or somebody else sets changes no end point. Judged by the true values.
+//! `PALPATE_TESTS=full` restarts after each byte.
+
+use palpate_core::quantity::stream;
+use palpate_data::recipe::Plan;
+use palpate_run::rig::{self, RigSpec, SimulatedRig};
+use palpate_sim::emulator::{
+    GRBL_ROOM_MM, GrblBoard, GrblEmulator, GrblFault, GrblFaultAfterBytes, GrblFaultKind, GrblWelcome, Instrument,
+    KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultAfterBytes, KlipperFaultKind, MarlinAnnounced,
+    MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultAfterBytes, MarlinFaultKind,
+};
+use palpate_sim::scene::{ContactLaw, Scene};
+use palpate_testing::executions::{Deaths, ExecutedRun, end_of, executed_with, in_parallel, must_be_none, plan};
+use palpate_testing::{campaign, shipped_text};
+use rand::RngExt;
+use std::collections::BTreeMap;
+use std::fmt::Debug;
+use std::sync::{Arc, Mutex};
+
+/// Limit of the specimen, its stiffness and what is declared of it.
+const LIMIT_N: f64 = 2.0;
+const STIFFNESS_N_MM: f64 = 1.8;
+const DECLARED_N_MM: f64 = 2.0;
+
+/// Largest true force of the stage's own motions, in limits.
+const MOST: f64 = 1.1;
+
+/// Least force that counts as left on the specimen, N.
+const LEFT_N: f64 = 0.05;
+
+/// Runs of a form: quick and full, if not each byte is tried.
+const RUNS: (usize, usize) = (6, 700);
+
+/// When a fault happens.
+#[derive(Clone, Copy, Debug)]
+enum When {
+    At(f64),
+    AfterBytes(u64),
+}
+
+/// A family of stages, and how a fault is given to one.
+struct Family<K: 'static> {
+    rig: &'static str,
+    install: fn(&RigSpec, &Scene, Option<(When, K)>) -> Arc<Mutex<dyn Instrument>>,
+}
+
+const MARLIN: Family<MarlinFaultKind> = Family { rig: "rigs/marlin.toml", install: marlin };
+const GRBL: Family<GrblFaultKind> = Family { rig: "rigs/matrix.toml", install: grbl };
+const KLIPPER: Family<KlipperFaultKind> = Family { rig: "rigs/klipper.toml", install: klipper };
+
+fn marlin(spec: &RigSpec, scene: &Scene, fault: Option<(When, MarlinFaultKind)>) -> Arc<Mutex<dyn Instrument>> {
+    let axes = spec.stage.travel.axes;
+    let mut board = MarlinBoard {
+        min_ends_mm: axes.map(|travel| travel.min - GRBL_ROOM_MM),
+        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
+        ..MarlinBoard::default()
+    };
+    match fault {
+        Some((When::At(from_s), kind)) => board.faults.push(MarlinFault { from_s, kind }),
+        Some((When::AfterBytes(bytes), kind)) => board.faults_after_bytes.push(MarlinFaultAfterBytes { bytes, kind }),
+        None => {}
+    }
+    Arc::new(Mutex::new(MarlinEmulator::new(board, scene)))
+}
+
+fn grbl(spec: &RigSpec, scene: &Scene, fault: Option<(When, GrblFaultKind)>) -> Arc<Mutex<dyn Instrument>> {
+    let axes = spec.stage.travel.axes;
+    let stock = GrblBoard::default();
+    let mut board = GrblBoard {
+        settings: stock.settings.clone().with(GrblBoard::SOFT_LIMITS, 0.0).with(GrblBoard::HOMING, 0.0),
+        plus_ends_mm: axes.map(|travel| travel.max + GRBL_ROOM_MM),
+        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
+        ..stock
+    };
+    board.settings = (0..3).fold(board.settings, |settings, axis| {
+        let (rate_mm_s, a_mm_s2) = (settings.most_mm_s(axis.into()), settings.acceleration_mm_s2(axis.into()));
+        settings
+            .with(GrblBoard::RATE + axis, 60.0 * rate_mm_s.max(spec.stage.speed_mm_s))
+            .with(GrblBoard::ACCELERATION + axis, a_mm_s2.max(spec.stage.acceleration_mm_s2))
+    });
+    match fault {
+        Some((When::At(from_s), kind)) => board.faults.push(GrblFault { from_s, kind }),
+        Some((When::AfterBytes(bytes), kind)) => board.faults_after_bytes.push(GrblFaultAfterBytes { bytes, kind }),
+        None => {}
+    }
+    Arc::new(Mutex::new(GrblEmulator::new(board, scene)))
+}
+
+fn klipper(spec: &RigSpec, scene: &Scene, fault: Option<(When, KlipperFaultKind)>) -> Arc<Mutex<dyn Instrument>> {
+    let axes = spec.stage.travel.axes;
+    let mut board = KlipperBoard {
+        min_ends_mm: axes.map(|travel| travel.min - GRBL_ROOM_MM),
+        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
+        ..KlipperBoard::default()
+    };
+    match fault {
+        Some((When::At(from_s), kind)) => board.faults.push(KlipperFault { from_s, kind }),
+        Some((When::AfterBytes(bytes), kind)) => board.faults_after_bytes.push(KlipperFaultAfterBytes { bytes, kind }),
+        None => {}
+    }
+    Arc::new(Mutex::new(KlipperEmulator::new(board, scene)))
+}
+
+impl<K: Copy + Debug + Send + Sync> Family<K> {
+    fn spec(&self) -> RigSpec {
+        let text = shipped_text(self.rig);
+        let mut spec =
+            rig::parse(self.rig, &text, &|_| unreachable!("no map of its own")).expect("the shipped rig").simulated();
+        (spec.limits.force_n, spec.limits.stiffness_n_mm) = (LIMIT_N, DECLARED_N_MM);
+        spec.scene.contact = ContactLaw { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
+        spec.scene.relaxation.clear();
+        spec
+    }
+
+    /// One press of 1 N that is held for 3 s.
+    fn press(&self, spec: &RigSpec) -> Plan {
+        let text = "name = \"forgetting\"\nchecks = \"none\"\n[press]\nforce_tolerance_n = 0.05\nhold_s = 3.0\nsample_s = 0.2\n[[step]]\n\
+             phase = \"calibration\"\nrandom = { count = 1, x_mm = [-1.0, 1.0], y_mm = [-1.0, 1.0] }\nforce_n = 1.0\n";
+        plan(spec, text, 1)
+    }
+
+    fn run(&self, fault: Option<(When, K)>) -> ExecutedRun {
+        let spec = self.spec();
+        let tamper = |rig: &mut SimulatedRig| {
+            let stage = (self.install)(&spec, &rig.scene.lock().expect("nobody else has it"), fault);
+            rig.stage.replace(stage);
+        };
+        executed_with(&spec, &self.press(&spec), Deaths::Ignored, &tamper)
+    }
+
+    /// Gives the stage a fault after some bytes of a run, each in the full tier, and at some times of it. Prints how the runs end, and checks
+    /// the force during them and after them.
+    fn check(&self, kind: K, moves_itself_n: f64) {
+        let sound = self.run(None);
+        assert!(sound.ending.halt.is_none(), "{}: {:?}", self.rig, sound.ending.text());
+        let count = campaign::size(RUNS.0, RUNS.1.max(sound.bytes as usize));
+        let mut rng = stream(1, 0, "when a stage forgets");
+        let mut whens: Vec<When> = (0..count as u64)
+            .map(|nth| if count as u64 >= sound.bytes { nth + 1 } else { rng.random_range(1..=sound.bytes) })
+            .map(When::AfterBytes)
+            .collect();
+        whens.extend((0..count / 2).map(|_| When::At(rng.random_range(sound.ready_s..sound.virtual_s))));
+        let outcomes = in_parallel(&whens, |&when| {
+            let run = self.run(Some((when, kind)));
+            (run.truth.force_n, run.left_n, end_of(&run.ending), run.ending.text())
+        });
+        let mut ends: BTreeMap<&str, usize> = BTreeMap::new();
+        outcomes.iter().for_each(|(_, _, end, _)| *ends.entry(end).or_default() += 1);
+        let (most_n, left_n) = outcomes
+            .iter()
+            .fold((0.0f64, 0.0f64), |(most, left), (force, rest, ..)| (most.max(*force), left.max(*rest)));
+        println!(
+            "{} {kind:?}: {} runs, largest force {most_n:.3} N, {left_n:.3} N left, ends {ends:?}",
+            self.rig,
+            whens.len()
+        );
+        let is_over = |(force_n, left_n): (f64, f64)| {
+            force_n > MOST * LIMIT_N + moves_itself_n || left_n > LEFT_N + moves_itself_n
+        };
+        let broken = whens.iter().zip(&outcomes).filter(|(_, (force_n, left_n, ..))| is_over((*force_n, *left_n)));
+        let broken = broken.map(|(when, outcome)| format!("{when:?} {kind:?}: {outcome:?}"));
+        must_be_none(&broken.collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn a_marlin_that_restarts_in_any_form_presses_no_harder_and_lets_go() {
+    use MarlinAnnounced::{Cut, Damaged, EchoStart, Silent, Start, Stray, WithinAnswer};
+    for announced in [Start, EchoStart, Stray, Damaged, WithinAnswer, Cut, Silent] {
+        MARLIN.check(MarlinFaultKind::Restart(announced), 0.0);
+    }
+}
+
+#[test]
+fn a_marlin_with_lost_doubled_or_endless_answers_or_jumping_counts_presses_no_harder() {
+    use MarlinFaultKind::{Busy, CountsJump, DoubledOk, LostOk};
+    for kind in [LostOk, DoubledOk, CountsJump([0, 0, 400])] {
+        MARLIN.check(kind, 0.0);
+    }
+    // it is busy for ever: nothing can move it
+    MARLIN.check(Busy, LIMIT_N);
+}
+
+#[test]
+fn a_marlin_with_a_second_host_presses_no_harder() {
+    for lines in ["G92 Z0", "G91", "G20"] {
+        MARLIN.check(MarlinFaultKind::Other(lines), 0.0);
+    }
+    // it moves itself by 0.5 mm, or babysteps by 0.2 mm
+    MARLIN.check(MarlinFaultKind::Other("G91\nG1 Z-0.5 F300"), 0.5 * DECLARED_N_MM);
+}
+
+#[test]
+fn a_grbl_homed_by_hand_that_restarts_in_any_form_presses_no_harder_and_lets_go() {
+    use GrblWelcome::{Clean, Damaged, Lost, Stray};
+    for welcome in [Clean, Damaged, Stray, Lost] {
+        GRBL.check(GrblFaultKind::Restart(welcome), 0.0);
+    }
+    for kind in [GrblFaultKind::LostOk, GrblFaultKind::DoubledOk, GrblFaultKind::CountsJump([0, 0, 250])] {
+        GRBL.check(kind, 0.0);
+    }
+    for lines in ["G92 Z0", "G91", "G20", "G10 L20 P1 Z0"] {
+        GRBL.check(GrblFaultKind::Other(lines), 0.0);
+    }
+}
+
+#[test]
+fn a_klipper_that_restarts_or_has_a_second_client_presses_no_harder_and_lets_go() {
+    for kind in [KlipperFaultKind::McuRestart, KlipperFaultKind::IdleTimeout] {
+        KLIPPER.check(kind, 0.0);
+    }
+    for script in ["G92 Z0", "G91", "SET_KINEMATIC_POSITION Z=100", "SET_GCODE_OFFSET Z=1"] {
+        KLIPPER.check(KlipperFaultKind::Other(script), 0.0);
+    }
+}
