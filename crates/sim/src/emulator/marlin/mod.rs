@@ -3,7 +3,7 @@
 //! when it is in the queue.
 //!
 //! The end of the queue and the present place are different things: M114 states both, the first as X, Y and Z, the second as a count
-//! of steps. A stock build has no EMERGENCY_PARSER. So an M112 or M410 without a number acts when its line moves from the serial
+//! of steps. A stock build has no EMERGENCY_PARSER; a board can have one. Without it an M112 or M410 without a number acts when its line moves from the serial
 //! buffer to the command buffer (queue.cpp, `get_serial_commands`). One with a number acts when its turn comes. After M112 the motors step on for 0.6 s, and then nothing is
 //! answered until a reset.
 //!
@@ -169,7 +169,7 @@ impl Instrument for MarlinEmulator {
         self.run(&mut reply, scene, now_s);
         let is_lost = std::mem::take(&mut self.is_fresh) || request.is_empty();
         if self.power == Power::Runs && !is_lost {
-            self.receive(request, now_s);
+            self.receive(request, &mut reply, scene, now_s);
             self.accept_lines(&mut reply, scene, now_s);
             self.run(&mut reply, scene, now_s);
         }
@@ -336,10 +336,14 @@ impl MarlinEmulator {
 
 impl MarlinEmulator {
     /// Stores a line in the serial buffer. A line for which there is no room is lost.
-    fn receive(&mut self, request: &[u8], now_s: f64) {
+    fn receive(&mut self, request: &[u8], reply: &mut MarlinReply, scene: &mut Scene, now_s: f64) {
         let mut line = String::from_utf8_lossy(request).into_owned();
         if self.faults.take(now_s, |kind| kind == MarlinFaultKind::GarbledLine).is_some() {
             line = garbled(&line);
+        }
+        if self.stock.emergency_parser {
+            let (letter, number) = MarlinCommand::parse(&line).code;
+            self.stop_at_once(&format!("{letter}{number}"), reply, scene, now_s);
         }
         let taken: usize = self.received.iter().map(|line| line.len() + 1).sum();
         if taken + line.len() < RECEIVED_MOST {
@@ -359,7 +363,9 @@ impl MarlinEmulator {
                     let last = self.last_line;
                     reply.line(format!("Error:{}, Last Line: {last}", refusal.text()));
                     reply.line(format!("Resend: {}", last.wrapping_add(1)));
-                    self.ok("", reply, now_s);
+                    if self.stock.ok_after_resend {
+                        self.ok("", reply, now_s);
+                    }
                     self.received.clear();
                     self.reader.clear();
                     self.flushes = true;
@@ -371,12 +377,18 @@ impl MarlinEmulator {
         }
     }
 
-    /// Does what a line without a number does before its turn: M112 and M410.
+    /// Does what a line without a number does before its turn, unless it was done when the line was received.
     fn act_early(&mut self, line: &str, reply: &mut MarlinReply, scene: &mut Scene, now_s: f64) {
-        let word = line.trim_start_matches(' ');
-        if word.starts_with("M112") {
+        if !self.stock.emergency_parser {
+            self.stop_at_once(line.trim_start_matches(' '), reply, scene, now_s);
+        }
+    }
+
+    /// M112 and M410 at the front of a text act at once.
+    fn stop_at_once(&mut self, text: &str, reply: &mut MarlinReply, scene: &mut Scene, now_s: f64) {
+        if text.starts_with("M112") {
             self.kill(KILLED, reply, now_s);
-        } else if word.starts_with("M410") {
+        } else if text.starts_with("M410") {
             self.planner.quick_stop(scene, now_s);
             self.held_s = now_s + CLEANING_S;
         }
