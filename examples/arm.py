@@ -37,15 +37,18 @@ def main():
     for line in sys.stdin:
         request, reply = json.loads(line), {}
         if request["do"] == "identify":
-            reply = {"role": "stage", "protocol": 1, "identity": arm.identity}
+            reply = {"role": "stage", "protocol": 2, "identity": arm.identity}
         elif request["do"] == "prepare":  # nothing moves: an arm knows where it is
             travel_mm, acceleration_mm_s2 = request["travel_mm"], request["acceleration_mm_s2"]
         elif request["do"] == "move":
-            to_mm = {**arm.end_mm, **request["to_mm"]}
-            if travel_mm and all(travel_mm[axis][0] <= to_mm[axis] <= travel_mm[axis][1] for axis in request["to_mm"]):
+            # each axis goes by a distance, if it is where it is expected
+            at_mm, by_mm = arm.place()[1], request["by_mm"]
+            to_mm = {axis: round(at_mm[axis] + by_mm.get(axis, 0.0), 6) for axis in "xyz"}
+            is_there = all(abs(at_mm[axis] - mm) < 0.003 for axis, mm in request.get("from_mm", {}).items())
+            if is_there and travel_mm and all(travel_mm[axis][0] <= to_mm[axis] <= travel_mm[axis][1] for axis in by_mm):
                 arm.move(to_mm, request["speed_mm_s"], acceleration_mm_s2)
             else:
-                reply = {"error": f"not prepared, or {request['to_mm']} is outside the travel"}
+                reply = {"error": f"not prepared, not where it is expected, or {to_mm} is outside the travel"}
         elif request["do"] == "status":
             moving, place_mm = arm.place()
             reply = {"moving": moving, "position_mm": place_mm, "homed": True}

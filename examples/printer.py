@@ -19,6 +19,7 @@ import threading
 import time
 
 AXES = "x", "y", "z"
+SAME_PLACE_MM = 0.01  # an axis within this distance is where it is expected: half a step, and 3 um
 
 
 class Printer:
@@ -154,10 +155,16 @@ class Stage:
         if self.stopped.is_set():
             raise RuntimeError("stopped before it was done")
 
-    def move(self, to_mm, speed_mm_s):
-        """Begins a motion of the axes that are named, and returns while they move."""
+    def move(self, by_mm, from_mm, speed_mm_s):
+        """Begins a motion of the axes that are named, and returns while they move. Each goes by a distance, if it is where it is
+        expected. Without `from_mm` it is the way out of a contact, from anywhere."""
         if self.travel_mm is None:
             raise RuntimeError("not prepared")
+        at_mm = self.status()[1]
+        for axis, expected_mm in from_mm.items():
+            if abs(at_mm[axis] - expected_mm) > SAME_PLACE_MM:
+                raise ValueError(f"{axis} is at {at_mm[axis]} mm, not at {expected_mm} mm")
+        to_mm = {axis: round(at_mm[axis] + way_mm, 6) for axis, way_mm in by_mm.items()}
         for axis, place_mm in to_mm.items():
             low_mm, high_mm = self.travel_mm[axis]
             if not low_mm <= place_mm <= high_mm:
@@ -185,13 +192,13 @@ class Stage:
 def work(stage, request):
     do = request.get("do")
     if do == "identify":
-        return {"role": "stage", "protocol": 1, "identity": stage.printer.identity}
+        return {"role": "stage", "protocol": 2, "identity": stage.printer.identity}
     if do == "prepare":
         keys = "travel_mm", "away", "speed_mm_s", "acceleration_mm_s2", "home_speed_mm_s"
         stage.prepare(*(request[key] for key in keys), request.get("home_side", "away"))
         return {}
     if do == "move":
-        stage.move(request["to_mm"], request["speed_mm_s"])
+        stage.move(request["by_mm"], request.get("from_mm", {}), request["speed_mm_s"])
         return {}
     if do == "status":
         moving, position_mm = stage.status()

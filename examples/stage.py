@@ -12,6 +12,8 @@ import sys
 import threading
 import time
 
+SAME_PLACE_MM = 0.003  # an axis within this distance is where it is expected
+
 
 class Stage:
     """Your device. A method that can't do what it is asked raises an exception: its text is what palpate tells.
@@ -46,10 +48,16 @@ class Stage:
             self.homed = True
             self.travel_mm = travel_mm
 
-    def move(self, to_mm, speed_mm_s):
-        """Begins a motion of the axes that are named, and returns while they move."""
+    def move(self, by_mm, from_mm, speed_mm_s):
+        """Begins a motion of the axes that are named, and returns while they move. Each goes by a distance, if it is where it is
+        expected. Without `from_mm` it is the way out of a contact, from anywhere."""
         if self.travel_mm is None:
             raise RuntimeError("not prepared")
+        at_mm = self.status()[1]
+        for axis, expected_mm in from_mm.items():
+            if abs(at_mm[axis] - expected_mm) > SAME_PLACE_MM:
+                raise ValueError(f"{axis} is at {at_mm[axis]} mm, not at {expected_mm} mm")
+        to_mm = {axis: round(at_mm[axis] + way_mm, 6) for axis, way_mm in by_mm.items()}
         for axis, place_mm in to_mm.items():
             low_mm, high_mm = self.travel_mm[axis]
             if not low_mm <= place_mm <= high_mm:
@@ -93,13 +101,13 @@ class Stage:
 def work(stage, request):
     do = request.get("do")
     if do == "identify":
-        return {"role": "stage", "protocol": 1, "identity": stage.identity}
+        return {"role": "stage", "protocol": 2, "identity": stage.identity}
     if do == "prepare":
         keys = "travel_mm", "away", "speed_mm_s", "acceleration_mm_s2"
         stage.prepare(*(request[key] for key in keys))
         return {}
     if do == "move":
-        stage.move(request["to_mm"], request["speed_mm_s"])
+        stage.move(request["by_mm"], request.get("from_mm", {}), request["speed_mm_s"])
         return {}
     if do == "status":
         moving, position_mm = stage.status()

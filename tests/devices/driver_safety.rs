@@ -3,7 +3,7 @@
 use palpate_core::quantity::{Axis, Down, StageAbilities, Steps};
 use palpate_drivers::Esp301;
 use palpate_drivers::modbus::{ModbusLoadCell, Profile, Transport};
-use palpate_link::device::{HomeSearch, LoadCell as _, MotionOrders, Stage, StageUse};
+use palpate_link::device::{AxisWay, HomeSearch, LoadCell as _, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::Connector;
 use palpate_run::rig::{RigSpec, SimulatedRig};
@@ -99,7 +99,9 @@ fn after_a_crash_in_contact_x_and_y_wait_until_z_is_clear() {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
         made_ready(&mut bench.driver, &bench.usage, &MotionOrders::default()).await.unwrap();
-        bench.driver.begin(&[(Axis::Z, -1.0)], 10.0, &MotionOrders::default()).await.unwrap();
+        let top_mm = bench.driver.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap();
+        let down = AxisWay::between(Axis::Z, top_mm, -1.0);
+        bench.driver.begin(&[down], 10.0, &MotionOrders::default()).await.unwrap();
         bench.driver.follow(&[Axis::Z], Duration::from_secs(2), &MotionOrders::default()).await.unwrap();
         bench.command("1PA3");
         sleep(Duration::from_secs(2)).await;
@@ -124,7 +126,9 @@ fn a_stage_that_still_moves_when_a_program_starts_is_brought_to_rest_first() {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
         made_ready(&mut bench.driver, &bench.usage, &MotionOrders::default()).await.unwrap();
-        bench.driver.begin(&[(Axis::Z, -1.0)], 1.0, &MotionOrders::default()).await.unwrap();
+        let top_mm = bench.driver.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap();
+        let down = AxisWay::between(Axis::Z, top_mm, -1.0);
+        bench.driver.begin(&[down], 1.0, &MotionOrders::default()).await.unwrap();
         made_ready(&mut bench.driver, &bench.usage, &MotionOrders::default()).await.unwrap();
         let here_mm = bench.driver.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap();
         sleep(Duration::from_secs(1)).await;

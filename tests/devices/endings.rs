@@ -35,7 +35,8 @@ while read -r line; do
     case $line in
         *'"identify"'*)
             [ "$role" != stage ] && misbehave && continue
-            tell ", \"role\": \"$role\", \"protocol\": 1, \"units\": 9, \"identity\": \"a script\"" ;;
+            version=1; [ "$role" = stage ] && version=2
+            tell ", \"role\": \"$role\", \"protocol\": $version, \"units\": 9, \"identity\": \"a script\"" ;;
         *'"prepare"'*)
             note prepared
             case $line in *'"home_side":"toward"'*) note toward ;; esac
@@ -47,10 +48,12 @@ while read -r line; do
             [ $moving = true ] && note stopped
             moving=false ;;
         *'"move"'*)
+            ways=${line##*'"by_mm":{'}
+            ways=${ways%%\}*}
             for axis in x y z; do
-                case $line in *"\"$axis\":"*)
-                    to=${line##*"\"$axis\":"}
-                    eval "$axis=\${to%%[,\\}]*}" ;;
+                case $ways in *"\"$axis\":"*)
+                    by=${ways##*"\"$axis\":"}
+                    eval "$axis=\$(awk \"BEGIN { print \$$axis + ${by%%,*} }\")" ;;
                 esac
             done
             # the first motion goes on until it is stopped

@@ -4,7 +4,7 @@
 use palpate_core::quantity::{ArrayLayout, Axis, Place};
 use palpate_data::dataset::Recorded;
 use palpate_data::dataset::evaluate::Trial;
-use palpate_link::device::{DeviceProblem, Instruments, MotionOrders, Stage};
+use palpate_link::device::{AxisWay, DeviceProblem, Instruments, MotionOrders, Stage};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_run::rig::{self, OpenRig};
 use palpate_sim::scene::{FaultKind, SceneFault};
@@ -130,7 +130,8 @@ fn x_and_y_of_an_xps_are_homed_only_with_z_away_also_if_z_is_in_contact_and_home
         stage.identify(&stage_use).await.expect("a stage");
         assert!(stage.home_z(&stage_use, &orders).await.expect("z at home"), "z has its own group");
         // the surface is at -5 mm
-        stage.begin(&[(Axis::Z, -6.0)], 5.0, &orders).await.expect("a motion");
+        let top_mm = stage.position_mm(Axis::Z, &orders).await.expect("z at home");
+        stage.begin(&[AxisWay::between(Axis::Z, top_mm, -6.0)], 5.0, &orders).await.expect("a motion");
         stage.follow(&[Axis::Z], Duration::from_secs(3), &orders).await.expect("its end");
         let before = truth();
         assert!(before.force_peak_n > 0.3, "{before:?}");
@@ -163,7 +164,7 @@ fn guard_ends_a_motion(rig: &str) {
         sleep_until(began + Duration::from_secs_f64(leap_s - 1.0)).await;
         // if z has its own group, it is away from where x and y were homed; otherwise it is at its home
         let from_mm = stage.position_mm(Axis::Z, &orders).await.expect("a place");
-        stage.begin(&[(Axis::Z, 10.0)], 2.0, &orders).await.expect("a motion");
+        stage.begin(&[AxisWay::between(Axis::Z, from_mm, 10.0)], 2.0, &orders).await.expect("a motion");
         let begun_s = began.elapsed().as_secs_f64();
         let error = stage.follow(&[Axis::Z], Duration::from_secs(5), &orders).await.expect_err("it was ended");
         assert!(matches!(error.problem, DeviceProblem::Guarded { limit_n: 2.05 }), "{error}");
@@ -174,7 +175,7 @@ fn guard_ends_a_motion(rig: &str) {
         assert!((0.0..0.15).contains(&(went_mm - ran_mm)), "z went {went_mm} mm, {ran_mm} mm when the force came");
         // it has ended a motion: the way out is free
         stage.guard(None).await.expect("none any more");
-        stage.begin(&[(Axis::Z, 10.0)], 10.0, &orders).await.expect("the way out");
+        stage.begin(&[AxisWay::between(Axis::Z, at_mm, 10.0)], 10.0, &orders).await.expect("the way out");
         let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(1), &orders).await.expect("the way out");
         assert!((places_mm[0] - 10.0).abs() < 0.001, "{places_mm:?}");
     });

@@ -7,7 +7,7 @@ use palpate_drivers::grbl::Grbl;
 use palpate_drivers::process::ProcessStage;
 use palpate_drivers::xps::{Grouping, Xps};
 use palpate_drivers::{AnyStage, Esp301};
-use palpate_link::device::{DeviceError, HomeSearch, MotionOrders, Stage, StageUse};
+use palpate_link::device::{AxisWay, DeviceError, HomeSearch, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep, timeout};
 use palpate_sim::emulator::{self, GrblBoard, Instrument, Shared};
 use palpate_sim::scene::Scene;
@@ -69,6 +69,9 @@ struct BadStageTrial {
     off_mm: [Vec<f64>; 3],
     /// Target of each axis, and its possible positions without one, true mm.
     sent_mm: [Vec<f64>; 3],
+    /// Where each axis rests by the last read-back, mm; `None` after an error.
+    at_mm: Option<[f64; 3]>,
+    scene: Shared<Scene>,
     /// Whether it was stopped, or may have been: an error leaves that open.
     stopped: bool,
     noticed: bool,
@@ -112,6 +115,8 @@ pub(super) async fn run(subject: BadLineSubject, seed: u64, bad: bool) -> BadLin
         off_mm: power_on_mm.map(|place_mm| vec![-middle_mm(subject), place_mm]),
         // where each axis homes: at an end, off it, or in the middle
         sent_mm: power_on_mm.map(|place_mm| vec![place_mm, 0.0, -12.5, 12.0, 12.5]),
+        at_mm: None,
+        scene: scene.clone(),
         stopped: false,
         noticed: false,
         lost: false,
@@ -201,9 +206,12 @@ impl BadStageTrial {
         let middle_mm = middle_mm(self.subject);
         let mut target_mm = || (self.rng.random_range(-3.0..3.0f64) * 1e3).round() / 1e3 + middle_mm;
         let targets: Vec<(Axis, f64)> = axes.iter().map(|&axis| (axis, target_mm())).collect();
-        for (axis, target_mm) in &targets {
-            let offs_mm = self.off_mm[axis.index()].clone();
-            self.sent_mm[axis.index()].extend(offs_mm.iter().map(|off_mm| (target_mm + off_mm).clamp(-12.5, 12.5)));
+        let Some(at_mm) = self.rest().await else { return };
+        let way = |(axis, target_mm): &(Axis, f64)| AxisWay::between(*axis, at_mm[axis.index()], *target_mm);
+        let ways: Vec<AxisWay> = targets.iter().map(way).collect();
+        for way in &ways {
+            let true_mm = lock(&self.scene).motion(way.axis).end_mm() + way.by_mm;
+            self.sent_mm[way.axis.index()].push(true_mm.clamp(-12.5, 12.5));
         }
         let speed_mm_s = self.rng.random_range(2.0..10.0);
         let (fate, deadlines) = (self.fate.clone(), deadlines(self.subject));
@@ -212,7 +220,7 @@ impl BadStageTrial {
             deadlines.begin_s,
             &mut self.outcome,
             &fate,
-            self.stage.begin(&targets, speed_mm_s, &MotionOrders::default()),
+            self.stage.begin(&ways, speed_mm_s, &MotionOrders::default()),
         )
         .await;
         if self.note(begun).is_none() && self.rng.random_bool(0.5) {
@@ -250,6 +258,9 @@ impl BadStageTrial {
         };
         let followed = call("follow", limit_s, &mut self.outcome, &fate, follow).await;
         let Some(places_mm) = self.note(followed) else { return };
+        if let Some(at_mm) = &mut self.at_mm {
+            axes.iter().zip(&places_mm).for_each(|(axis, place_mm)| at_mm[axis.index()] = *place_mm);
+        }
         lock(&fate).look();
         let to_s = lock(&fate).now_s();
         for ((axis, target_mm), place_mm) in targets.iter().zip(&places_mm) {
@@ -257,6 +268,19 @@ impl BadStageTrial {
             self.judge("follow", *axis, *place_mm, (from_s, to_s), stands);
             self.noticed |= pulls.is_none() && (target_mm - place_mm).abs() > NOTICED_MM;
         }
+    }
+
+    /// Returns where the axes rest. After an error the stage is stopped and read back, as a run does.
+    async fn rest(&mut self) -> Option<[f64; 3]> {
+        if self.at_mm.is_none() {
+            self.stop().await;
+            let (fate, limit_s) = (self.fate.clone(), 10.0 + deadlines(self.subject).follow_s);
+            let orders = MotionOrders::default();
+            let follow = self.stage.follow(&Axis::ALL, Duration::ZERO, &orders);
+            let followed = call("follow", limit_s, &mut self.outcome, &fate, follow).await;
+            self.at_mm = self.note(followed).and_then(|places_mm| places_mm.try_into().ok());
+        }
+        self.at_mm
     }
 
     async fn ask(&mut self, axis: Axis) {
@@ -306,7 +330,7 @@ impl BadStageTrial {
         if let Err(error) = &came {
             assert!(self.bad, "an error on a good line: {error}");
             self.outcome.errors += 1;
-            (self.noticed, self.stopped) = (true, true);
+            (self.noticed, self.stopped, self.at_mm) = (true, true, None);
         }
         came.ok()
     }

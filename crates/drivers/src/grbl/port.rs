@@ -131,6 +131,14 @@ impl GrblPort {
         Err(self.error(doing, DeviceProblem::Link(silent(line, deadline).to_string())))
     }
 
+    /// Reads what has come in, and returns whether the controller restarted since this was asked last.
+    pub(super) async fn has_restarted(&mut self, doing: &str, orders: &MotionOrders) -> Result<bool, DeviceError> {
+        if self.lines.something_came().await {
+            self.drain(doing, Some((orders, JOG_CANCEL))).await?;
+        }
+        Ok(std::mem::take(&mut self.restarted))
+    }
+
     /// Requests a status.
     pub(super) async fn status(
         &mut self,

@@ -5,7 +5,7 @@ use super::port::{ANSWER_DEADLINE, GrblPort, JOG_CANCEL, SOFT_RESET};
 use super::report::{GrblState, GrblStatus};
 use super::settings::{FLUIDNC_IDLE, FLUIDNC_INCHES, ReportedSettings};
 use crate::MOTION_MARGIN;
-use palpate_core::quantity::{Axis, seconds};
+use palpate_core::quantity::{Axis, round, seconds};
 use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::Connector;
@@ -32,26 +32,39 @@ pub struct Grbl {
     home_mm: Option<[f64; 3]>,
     /// The motion under way.
     ways: Vec<AxisWay>,
+    /// Where GRBL counts the next jog from, mm: a cancel leaves it at whole steps of all axes (gcode.c, `gc_sync_position`), so it is `None`
+    /// until the next read-back.
+    sent_mm: Option<[f64; 3]>,
+    /// Whether it restarted, so that its count isn't the rig's.
+    is_lost: bool,
 }
 
 impl Grbl {
     /// Creates a controller behind a link; nothing is sent yet. `link` is its name in messages.
     pub fn new(connector: Connector, link: String) -> Self {
-        Grbl { port: GrblPort::new(connector, link.clone()), link, usage: None, home_mm: None, ways: Vec::new() }
+        Grbl {
+            port: GrblPort::new(connector, link.clone()),
+            link,
+            usage: None,
+            home_mm: None,
+            ways: Vec::new(),
+            sent_mm: None,
+            is_lost: false,
+        }
     }
 
     /// Returns the controller's state and the positions of the axes in machine coordinates. Impossible positions are refused.
     async fn status(&mut self, doing: &str, orders: &MotionOrders) -> Result<GrblStatus, DeviceError> {
         let status = self.port.status(doing, (orders, JOG_CANCEL)).await?;
-        if self.port.restarted {
-            let text = "it restarted and lost its position".to_owned();
-            return Err(self.port.error(doing, DeviceProblem::Motion(text)));
+        // once: a later motion away from the specimen must be possible
+        if std::mem::take(&mut self.port.restarted) {
+            return Err(self.lost(doing));
         }
         if !status.is_machine {
             let text = "it reports work positions (WPos); set $10=1 for machine positions".to_owned();
             return Err(self.port.error(doing, DeviceProblem::Mismatch(text)));
         }
-        if let Some(usage) = &self.usage {
+        if let Some(usage) = self.usage.as_ref().filter(|_| !self.is_lost) {
             for axis in Axis::ALL {
                 let place_mm = status.position_mm[axis.index()];
                 if !usage.reach(axis).contains(place_mm) {
@@ -65,12 +78,17 @@ impl Grbl {
         Ok(status)
     }
 
+    fn lost(&mut self, doing: &str) -> DeviceError {
+        (self.is_lost, self.sent_mm) = (true, None);
+        self.port.error(doing, DeviceProblem::Motion("it restarted and lost its position".to_owned()))
+    }
+
     async fn build(&mut self) -> Result<Build, DeviceError> {
         let doing = "identifying it";
         let asked = self.port.line(doing, "$I", ANSWER_DEADLINE, None).await;
         let said = std::mem::take(&mut self.port.texts);
         // opening the port resets many boards: a welcome before this doesn't count
-        self.port.restarted = false;
+        (self.port.restarted, self.is_lost) = (false, false);
         if said.iter().any(|text| text.contains("Marlin") || text.starts_with("echo:")) {
             let words = "this is Marlin: write `driver = \"marlin\"` in [stage]";
             return Err(self.port.error(doing, DeviceProblem::Mismatch(words.to_owned())));
@@ -173,9 +191,15 @@ impl Grbl {
         }
     }
 
+    /// Cancels a jog.
+    async fn cancel(&mut self, doing: &str) -> Result<(), DeviceError> {
+        self.sent_mm = None;
+        self.port.send(doing, JOG_CANCEL).await
+    }
+
     /// Stops a motion that doesn't end.
     async fn late(&mut self, doing: &str) -> Result<DeviceError, DeviceError> {
-        self.port.send(doing, JOG_CANCEL).await?;
+        self.cancel(doing).await?;
         let text = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
         Ok(self.port.error(doing, DeviceProblem::Motion(text)))
     }
@@ -183,7 +207,7 @@ impl Grbl {
     /// Makes what is left of the motion at another speed, with a new jog. A jog keeps its initial speed.
     async fn change_speed(&mut self, mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
         let doing = "changing a speed";
-        self.port.send(doing, JOG_CANCEL).await?;
+        self.cancel(doing).await?;
         self.until_still(doing).await?;
         let at_mm = self.status(doing, orders).await?.position_mm;
         let left = |way: &AxisWay| AxisWay::between(way.axis, at_mm[way.axis.index()], way.to_mm());
@@ -225,7 +249,7 @@ impl Stage for Grbl {
             Err(error) => return Err(error),
         }
         if orders.stopped() {
-            self.port.send(doing, JOG_CANCEL).await?;
+            self.cancel(doing).await?;
         }
         self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), orders).await?;
         Ok(true)
@@ -251,7 +275,22 @@ impl Stage for Grbl {
             return Err(self.port.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
         };
         usage.check(ways).map_err(|problem| self.port.error(doing, problem))?;
-        let words = |way: &AxisWay| format!("{}{:.5}", way.axis.name().to_uppercase(), way.by_mm);
+        let is_leaving = usage.is_leaving(ways);
+        // what came in at rest is read before a motion
+        if self.port.has_restarted(doing, orders).await? || (self.is_lost && !is_leaving) {
+            return Err(self.lost(doing));
+        }
+        let Some(usage) = &self.usage else { return Ok(()) };
+        let mut by_mm = [0.0; 3];
+        for way in ways {
+            let nth = way.axis.index();
+            // where the last jog went is known better than where it was read back
+            let sent_mm = self.sent_mm.map(|sent_mm| sent_mm[nth]);
+            let most_mm = usage.steps.in_position_mm(way.axis);
+            let sent_mm = sent_mm.filter(|sent_mm| !is_leaving && (sent_mm - way.from_mm).abs() <= most_mm);
+            by_mm[nth] = sent_mm.map_or(way.by_mm, |sent_mm| way.to_mm() - sent_mm);
+        }
+        let words = |way: &AxisWay| format!("{}{:.5}", way.axis.name().to_uppercase(), by_mm[way.axis.index()]);
         let words = ways.iter().map(words).collect::<Vec<_>>().join(" ");
         self.ways = ways.to_vec();
         // relative and in mm in this line alone (jogging document)
@@ -260,10 +299,12 @@ impl Stage for Grbl {
         if orders.stopped() {
             return Ok(());
         }
+        let sent_mm = self.sent_mm.take(); // in doubt until the line is accepted
         self.port.line(doing, &line, ANSWER_DEADLINE, Some((orders, JOG_CANCEL))).await?;
+        self.sent_mm = sent_mm.map(|sent_mm| std::array::from_fn(|axis| sent_mm[axis] + round(by_mm[axis], 5)));
         // GRBL ignores a cancel that comes before the jog is under way; with its `ok` it is
         if orders.stopped() {
-            self.port.send(doing, JOG_CANCEL).await?;
+            self.cancel(doing).await?;
         }
         Ok(())
     }
@@ -280,7 +321,7 @@ impl Stage for Grbl {
         loop {
             match orders.take() {
                 Some(MotionOrder::Stop) => {
-                    self.port.send(doing, JOG_CANCEL).await?;
+                    self.cancel(doing).await?;
                     look = Instant::now();
                 }
                 Some(MotionOrder::Speed(mm_s)) => {
@@ -297,7 +338,11 @@ impl Stage for Grbl {
             let GrblStatus { state, position_mm, .. } = self.status(doing, orders).await?;
             match state {
                 GrblState::Jog | GrblState::Run | GrblState::Home => {}
-                GrblState::Idle => return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect()),
+                GrblState::Idle => {
+                    self.sent_mm = self.sent_mm.filter(|_| !orders.stopped());
+                    self.sent_mm.get_or_insert(position_mm);
+                    return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect());
+                }
                 GrblState::Alarm | GrblState::Other => {
                     let why = self.port.complaints.join("; ");
                     let text = format!("it stopped in the state {state:?}; {why}");
@@ -316,7 +361,7 @@ impl Stage for Grbl {
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {
-        self.port.send("stopping", JOG_CANCEL).await
+        self.cancel("stopping").await
     }
 
     async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {

@@ -46,6 +46,8 @@ pub struct Klipper {
     /// Where the axes were when the printer was identified, mm; `None` if it didn't know.
     first_mm: Option<[f64; 3]>,
     under_way: UnderWay,
+    /// Whether it lost its position: it restarted, or its motors were switched off.
+    is_lost: bool,
 }
 
 /// What is known of the last motion.
@@ -86,7 +88,12 @@ impl Klipper {
             setup: String::new(),
             first_mm: None,
             under_way: UnderWay::Nothing,
+            is_lost: false,
         }
+    }
+
+    fn lost(&self, doing: &str) -> DeviceError {
+        self.motion(doing, "it restarted, or its motors were switched off, so its position is lost".to_owned())
     }
 
     fn motion(&self, doing: &str, text: String) -> DeviceError {
@@ -243,18 +250,19 @@ impl Klipper {
             sleep(REFRESH).await;
             report = self.report(doing).await?;
         }
-        if self.usage.is_some() && !report.is_known {
-            let text = "its motors were switched off, so its position is lost".to_owned();
-            return Err(self.motion(doing, text));
+        // once: a later motion away from the specimen must be possible
+        if self.usage.is_some() && !report.is_known && !std::mem::replace(&mut self.is_lost, true) {
+            return Err(self.lost(doing));
         }
-        if let Some(axis) = self.off(&report) {
+        if let Some(axis) = self.off(&report).filter(|_| !self.is_lost) {
             let (name, at_mm, end_mm) = (axis.name(), report.at_mm[axis.index()], report.ends_mm[axis.index()]);
             let text = format!("it was sent to {name} = {end_mm:.4} mm, but its motor is at {at_mm:.4} mm");
             return Err(self.motion(doing, text));
         }
         for axis in Axis::ALL {
             let (name, at_mm) = (axis.name(), report.at_mm[axis.index()]);
-            if let Some(usage) = self.usage.as_ref().filter(|usage| !usage.reach(axis).contains(at_mm)) {
+            let known = self.usage.as_ref().filter(|_| !self.is_lost);
+            if let Some(usage) = known.filter(|usage| !usage.reach(axis).contains(at_mm)) {
                 let reach = usage.reach(axis);
                 let text = format!("{name} is at {at_mm:.4} mm, outside {} to {} mm", reach.min, reach.max);
                 return Err(self.motion(doing, text));
@@ -303,6 +311,10 @@ impl Klipper {
         let from_mm = report.ends_mm;
         let is_leaving = usage.is_leaving(ways);
         if !is_leaving {
+            if self.is_lost || !report.is_known && self.usage.is_some() {
+                self.is_lost = true;
+                return Err(self.lost(doing));
+            }
             self.check_sent(doing, &report)?;
             if report.is_shifted {
                 let text = "its G-code coordinates were shifted by somebody else (G92, an offset, a bed mesh, a correction of skew or of tilt)";
@@ -328,7 +340,13 @@ impl Klipper {
         // the feed is along the path; no axis is faster than the speed
         let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
         let (setup, words) = (&self.setup, words.collect::<String>());
-        let script = format!("{setup}G91\nG1 {words}F{feed_mm_min:.3}\nG90\nM400");
+        // a printer that doesn't know its place refuses motions: it counts from the middle of its travel, and moves from where it is
+        let [x, y, z] = self.zero_mm;
+        let known = match report.is_known {
+            true => String::new(),
+            false => format!("SET_KINEMATIC_POSITION X={x:.6} Y={y:.6} Z={z:.6}\n"),
+        };
+        let script = format!("{known}{setup}G91\nG1 {words}F{feed_mm_min:.3}\nG90\nM400");
         self.under_way = UnderWay::Doubt;
         self.takes = seconds(longest_mm / speed_mm_s);
         self.moonraker.begin(doing, &script).await?;
@@ -346,7 +364,7 @@ impl Klipper {
 impl Stage for Klipper {
     async fn identify(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
         let doing = "identifying it";
-        (self.usage, self.under_way) = (None, UnderWay::Nothing);
+        (self.usage, self.under_way, self.is_lost) = (None, UnderWay::Nothing, false);
         self.moonraker.close();
         let info = self.moonraker.ask(doing, "printer.info", json!({})).await?;
         self.check_ready(doing, &info)?;

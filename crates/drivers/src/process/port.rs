@@ -7,8 +7,10 @@ use serde_json::{Map, Value, json};
 use std::io::ErrorKind;
 use std::time::Duration;
 
-/// Number of the protocol version (docs/reference/process.md).
-const PROTOCOL: u64 = 1;
+/// Number of the protocol version of a role (docs/reference/process.md). A stage of version 1 was moved to places.
+fn protocol(role: &str) -> u64 {
+    if role == "stage" { 2 } else { 1 }
+}
 
 /// Longest line (docs/reference/process.md), bytes.
 const LINE_MAX_BYTES: usize = 65_536;
@@ -56,11 +58,14 @@ impl ProgramPort {
         let doing = "identifying it";
         let said = self.ask_within(doing, "identify", JsonObject::new(), None, self.start).await?;
         let misfit = |expected: String| self.misfit(doing, &said, expected);
-        if said.get("protocol").and_then(Value::as_u64) != Some(PROTOCOL) {
-            return Err(misfit(format!("\"protocol\": {PROTOCOL}, the number of docs/reference/process.md")));
-        }
         if said.get("role").and_then(Value::as_str) != Some(self.role) {
             return Err(misfit(format!("\"role\": \"{}\"", self.role)));
+        }
+        let version = protocol(self.role);
+        if said.get("protocol").and_then(Value::as_u64) != Some(version) {
+            return Err(misfit(format!(
+                "\"protocol\": {version}, the number of docs/reference/process.md for this role"
+            )));
         }
         let Some(identity) = said.get("identity").and_then(Value::as_str) else {
             return Err(misfit("\"identity\" as a string".to_owned()));

@@ -12,6 +12,9 @@ use std::time::Duration;
 /// Interval of status questions while a motion is late.
 const STATUS_EVERY: Duration = Duration::from_millis(2);
 
+/// Rounding of reported positions, mm.
+const REPORT_ROUNDING_MM: f64 = 1e-4;
+
 /// Largest number of stored error messages. Further messages add nothing new.
 const COMPLAINTS_MAX: usize = 16;
 
@@ -60,6 +63,28 @@ impl ProcessStage {
     }
 }
 
+impl ProcessStage {
+    /// Checks that axes are where they came to rest: a program that lost its count would go somewhere else.
+    async fn check_rest(&mut self, doing: &str, ways: &[AxisWay], orders: &MotionOrders) -> Result<(), DeviceError> {
+        let Some(usage) = self.usage.clone() else { return Ok(()) };
+        let position_mm = self.status(doing, Some(orders)).await?.position_mm;
+        let off = |way: &&AxisWay| {
+            let most_mm = usage.steps.in_position_mm(way.axis) + REPORT_ROUNDING_MM;
+            (position_mm[way.axis.index()] - way.from_mm).abs() > most_mm
+        };
+        match ways.iter().find(off) {
+            None => Ok(()),
+            Some(AxisWay { axis, from_mm, .. }) => {
+                let (name, is_mm) = (axis.name(), position_mm[axis.index()]);
+                let text = format!(
+                    "{name} came to rest at {from_mm:.4} mm and is at {is_mm:.4} mm: something else moved it, or it lost its count"
+                );
+                Err(self.port.error(doing, DeviceProblem::Motion(text)))
+            }
+        }
+    }
+}
+
 impl Stage for ProcessStage {
     async fn identify(&mut self, _: &StageUse) -> Result<Identity, DeviceError> {
         let (identity, _) = self.port.identify().await?;
@@ -98,16 +123,25 @@ impl Stage for ProcessStage {
     }
 
     async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
+        let doing = "starting a motion";
+        let Some(usage) = self.usage.clone() else {
+            return Err(self.port.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
+        };
+        usage.check(ways).map_err(|problem| self.port.error(doing, problem))?;
         let of = |mm: fn(&AxisWay) -> f64| -> JsonObject {
             ways.iter().map(|way| (way.axis.name().to_owned(), json!(mm(way)))).collect()
         };
-        let request =
-            json!({ "from_mm": of(|way| way.from_mm), "by_mm": of(|way| way.by_mm), "speed_mm_s": speed_mm_s });
+        let mut request = json!({ "by_mm": of(|way| way.by_mm), "speed_mm_s": speed_mm_s });
+        // the way out is open from anywhere
+        if !usage.is_leaving(ways) {
+            self.check_rest(doing, ways, orders).await?;
+            request["from_mm"] = json!(of(|way| way.from_mm));
+        }
         let request = request.as_object().cloned().unwrap_or_default();
         if orders.stopped() {
             return Ok(());
         }
-        self.port.ask("starting a motion", "move", request, Some(orders)).await.map(|_| ())
+        self.port.ask(doing, "move", request, Some(orders)).await.map(|_| ())
     }
 
     async fn follow(

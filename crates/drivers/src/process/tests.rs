@@ -18,7 +18,7 @@ async fn a_program_that_is_slow_to_start_is_awaited() {
         let link = Connector::in_memory(move || near.lock().unwrap().take().expect("one connection"));
         let program = tokio::spawn(async move {
             palpate_link::time::sleep(Duration::from_secs(7)).await; // its libraries are loaded
-            let answer = b"{\"id\": 1, \"role\": \"stage\", \"protocol\": 1, \"identity\": \"mine\"}\n";
+            let answer = b"{\"id\": 1, \"role\": \"stage\", \"protocol\": 2, \"identity\": \"mine\"}\n";
             let _ = tokio::io::AsyncWriteExt::write_all(&mut far, answer).await;
             far
         });
@@ -34,7 +34,7 @@ async fn stage_is_prepared_moved_and_stopped_as_documented() {
     let (link, device) = scripted(&[
         (
             b"{\"do\":\"identify\",\"id\":1}\n",
-            b"{\"id\": 1, \"role\": \"stage\", \"protocol\": 1, \"identity\": \"mine, SN 7\"}\n",
+            b"{\"id\": 1, \"role\": \"stage\", \"protocol\": 2, \"identity\": \"mine, SN 7\"}\n",
         ),
         (
             b"{\"acceleration_mm_s2\":100.0,\"away\":1.0,\"do\":\"prepare\",\"home_speed_mm_s\":2.0,\"id\":2,\"speed_mm_s\":10.0,\
@@ -45,12 +45,19 @@ async fn stage_is_prepared_moved_and_stopped_as_documented() {
             b"{\"do\":\"status\",\"id\":3}\n",
             b"{\"id\": 3, \"moving\": false, \"position_mm\": {\"x\": 0.0, \"y\": 0, \"z\": 12.5}}\n",
         ),
-        (b"{\"by_mm\":{\"z\":-0.25},\"do\":\"move\",\"from_mm\":{\"z\":0.0},\"id\":4,\"speed_mm_s\":1.5}\n", b"{\"id\": 4}\n"),
+        (
+            b"{\"do\":\"status\",\"id\":4}\n",
+            b"{\"id\": 4, \"moving\": false, \"position_mm\": {\"x\": 0.0, \"y\": 0, \"z\": 0.0}}\n",
+        ),
+        (
+            b"{\"by_mm\":{\"z\":-0.25},\"do\":\"move\",\"from_mm\":{\"z\":0.0},\"id\":5,\"speed_mm_s\":1.5}\n",
+            b"{\"id\": 5}\n",
+        ),
         (b"{\"do\":\"stop\"}\n", b""),
         (
-            b"{\"do\":\"status\",\"id\":5}\n",
-            b"{\"id\": 4, \"moving\": true}\nwhat?\n\
-              {\"id\": 5, \"moving\": false, \"position_mm\": {\"x\": 0.0, \"y\": 0, \"z\": 0.5}}\n",
+            b"{\"do\":\"status\",\"id\":6}\n",
+            b"{\"id\": 5, \"moving\": true}\nwhat?\n\
+              {\"id\": 6, \"moving\": false, \"position_mm\": {\"x\": 0.0, \"y\": 0, \"z\": 0.5}}\n",
         ),
     ]);
     let mut stage = ProcessStage::new(link, "script".to_owned(), START);

@@ -103,6 +103,8 @@ pub struct AxisWay {
 
 /// Decimals of places and displacements. Displacements between rounded places add up without an error.
 const WAY_DECIMALS: i32 = 5;
+/// Decimals of the end of a way: the sum of two numbers has an error of its own.
+const TO_DECIMALS: i32 = 9;
 
 impl AxisWay {
     /// Returns the way from one place to another, mm.
@@ -113,7 +115,7 @@ impl AxisWay {
 
     /// Where it ends, mm.
     pub fn to_mm(&self) -> f64 {
-        self.from_mm + self.by_mm
+        round(self.from_mm + self.by_mm, TO_DECIMALS)
     }
 }
 

@@ -5,6 +5,7 @@
 
 mod again;
 mod align;
+mod at_rest;
 mod cancel;
 mod check_weight;
 mod checks;

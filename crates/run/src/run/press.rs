@@ -261,7 +261,7 @@ impl Runner<'_> {
                     LoopEvent::Moved { z_mm: self.rig_control.z_mm }
                 }
                 LoopCommand::Dwell(seconds) => {
-                    self.rig_control.cell.dwell(seconds).await?;
+                    self.rig_control.dwell(seconds).await?;
                     LoopEvent::Dwelt
                 }
                 LoopCommand::Sample(seconds) => {

@@ -24,6 +24,17 @@ const REST_DEADLINE: Duration = Duration::from_secs(2);
 /// Largest difference between them of a stage at rest, mm, on any axis.
 const REST_MM: f64 = 0.003;
 
+/// First piece of the way out of a contact, mm, and how much longer each next one is: the first adds little if it goes the wrong way.
+const FIRST_PIECE_MM: f64 = 0.05;
+const NEXT_PIECE: f64 = 2.0;
+/// Number of pieces: together they are longer than any contact is deep.
+const PIECES_MAX: usize = 8;
+/// Number of readings of the force between two pieces, and the part of it that must be gone for the way to lead out.
+const PIECE_READINGS: usize = 5;
+const PIECE_SHARE: f64 = 0.02;
+/// Way from the point at which a contact ended, mm, if the place of the stage is lost.
+const FREED_MM: f64 = 1.0;
+
 /// Number of rises against which a retraction continues while position and outputs show that z moves away.
 const RISES_MAX: usize = 50;
 /// Fraction of the outputs' change against air that must remain at most for the outputs to have fallen.
@@ -126,7 +137,16 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// A force that rises stops the motion, because z may move the wrong way. It continues if z was read back going away and the
     /// outputs fall: then the load cell shows an old rise. Where the array shows nothing, z goes a short distance farther and stops.
     async fn retract_at_any_force(&mut self, z_mm: f64) -> Result<(), Halt> {
+        let is_freed = self.free_the_tip().await?;
         self.read_back_z().await?;
+        if is_freed && self.z_mm <= z_mm {
+            // the place is lost: it counts above the specimen where the tip pressed
+            return self.retract_against_rises(self.z_mm - FREED_MM).await;
+        }
+        self.retract_against_rises(z_mm).await
+    }
+
+    async fn retract_against_rises(&mut self, z_mm: f64) -> Result<(), Halt> {
         let mut felt = self.felt().await;
         for _ in 0..RISES_MAX {
             if self.z_mm <= z_mm {
@@ -153,6 +173,29 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             felt = now;
         }
         self.retract_once(z_mm, true).await
+    }
+
+    /// Moves z away from the specimen in pieces, as long as the load cell shows a contact and the force falls. Returns whether a contact
+    /// ended. The pieces depend on no place, because a stage that restarted has lost its own.
+    async fn free_the_tip(&mut self) -> Result<bool, Halt> {
+        let touch_n = LEFT_LEAST_N.max(self.cell.watch.rise_most_n());
+        let Some(mut before_n) = self.cell.at_rest_n().await.filter(|force_n| *force_n > touch_n) else {
+            return Ok(false);
+        };
+        let mut piece_mm = FIRST_PIECE_MM;
+        for _ in 0..PIECES_MAX {
+            self.read_back_z().await?;
+            self.retract_against_rises(self.z_mm - piece_mm).await?;
+            let Some(now_n) = self.cell.at_rest_n().await else { return Ok(false) };
+            if now_n < touch_n {
+                return Ok(true);
+            }
+            if now_n > (1.0 - PIECE_SHARE) * before_n {
+                return Ok(false); // a reading that has nothing to do with the way
+            }
+            (before_n, piece_mm) = (now_n, NEXT_PIECE * piece_mm);
+        }
+        Ok(false)
     }
 
     async fn retract_once(&mut self, z_mm: f64, is_watched: bool) -> Result<(), Halt> {
@@ -229,6 +272,17 @@ pub(super) async fn then_notify<T>(motion: impl Future<Output = T>, over: &Notif
 }
 
 impl<C: LoadCell> WatchedLoadCell<'_, C> {
+    /// Returns the force of some readings at rest, N from the zero; `None` if the cell doesn't answer.
+    async fn at_rest_n(&mut self) -> Option<f64> {
+        let mut sum_n = 0.0;
+        for _ in 0..PIECE_READINGS {
+            sleep(self.cell.conversion()).await;
+            let reading = timeout(LAST_READING_DEADLINE, self.cell.read()).await.ok()?.ok();
+            sum_n += reading.filter(|reading| check_sound(reading).is_ok())?.force_n;
+        }
+        Some(sum_n / PIECE_READINGS as f64 - self.watch.zero().offset_n)
+    }
+
     /// Reads until a retraction is over. It stops the retraction if the force rises above its lowest value and above zero,
     /// because z then moves the wrong way. A cell that reads pushes as pulls rises to zero on the way out. A cell that doesn't
     /// answer or gives no number doesn't stop the retraction.

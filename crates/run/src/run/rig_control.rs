@@ -15,7 +15,6 @@ use palpate_link::wire::Claims;
 use std::cmp::Ordering::{Equal, Less};
 use std::collections::VecDeque;
 use std::rc::Rc;
-use std::time::Duration;
 use tokio::sync::Notify;
 
 /// Time for which readings without load are kept, s, and largest number of kept readings. The zero may have moved since older readings.
@@ -296,15 +295,6 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             read.push((self.now_s(), force_n));
         }
         Ok(mean_of(&read, self.watch.zero()).unwrap_or(Mean { value: f64::NAN, middle_s: self.now_s(), readings: 0 }))
-    }
-
-    /// Reads for this time, s.
-    pub(super) async fn dwell(&mut self, seconds: f64) -> Result<(), Halt> {
-        let until = Instant::now() + Duration::from_secs_f64(seconds);
-        while Instant::now() < until {
-            self.force_n().await?;
-        }
-        Ok(())
     }
 }
 

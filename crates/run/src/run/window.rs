@@ -1,6 +1,7 @@
 //! Readings averaged over a window.
 
 use super::Halt;
+use super::retraction::then_notify;
 use super::rig_control::{RigControl, side_mean};
 use palpate_control::{Mean, STALE_S, mean_of};
 use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, SensorArray, Stage};
@@ -173,14 +174,17 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         self.cell.settle().await?;
         let until = Instant::now() + Duration::from_secs_f64(seconds);
         self.series.iter().for_each(|series| series.window(true));
-        let (watched_cell, array) = (&mut self.cell, &mut self.array);
-        let failed = Cell::new(false);
+        let at_rest = self.at_rest();
+        let (stage, watched_cell, array) = (&mut self.stage, &mut self.cell, &mut self.array);
+        let (failed, over) = (Cell::new(false), Notify::new());
         let forces = async {
             while Instant::now() < until && !failed.get() {
                 watched_cell.force_n().await.inspect_err(|_| failed.set(true))?;
             }
             Ok::<(), Halt>(())
         };
+        let forces = then_notify(forces, &over);
+        let rests = async { at_rest.asked(stage, until, &over).await.inspect_err(|_| failed.set(true)) };
         let outputs = async {
             let mut now = vec![0.0; array.units()];
             while Instant::now() < until && !failed.get() {
@@ -189,10 +193,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             }
             Ok::<(), Halt>(())
         };
-        let (forces, outputs) = tokio::join!(forces, outputs);
+        let (forces, outputs, rests) = tokio::join!(forces, outputs, rests);
         self.series.iter().for_each(|series| series.window(false));
         forces?;
         outputs?;
+        rests?;
         self.cell.mean_n(FOLLOWED_READINGS).await
     }
 }

@@ -29,6 +29,8 @@ pub(in crate::emulator) struct Machine {
     /// True place minus counted place, mm.
     offset_mm: [f64; 3],
     blocks: VecDeque<StraightMotion>,
+    /// Where the last line goes, not rounded to steps, mm.
+    sent_mm: [f64; 3],
     /// Time at which the braking of the cancelled motion ends, s; the blocks are removed then.
     cancelled_s: Option<f64>,
     /// Time at which the axes rest in a feed hold, s.
@@ -97,7 +99,7 @@ impl Machine {
     /// Creates a frame at power-on: its present place counts as zero.
     pub(in crate::emulator) fn new(board: MotionBoard, scene: &Scene) -> Self {
         let offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
-        Machine { board, offset_mm, blocks: VecDeque::new(), cancelled_s: None, held_s: None }
+        Machine { board, offset_mm, blocks: VecDeque::new(), sent_mm: [0.0; 3], cancelled_s: None, held_s: None }
     }
 
     /// Switches the controller off and on: the axes stop, and their present places count as zero.
@@ -153,8 +155,17 @@ impl Machine {
         self.whole_steps(std::array::from_fn(|n| scene.motion(Axis::ALL[n]).position_mm(now_s) - self.offset_mm[n]))
     }
 
+    /// Place from which a line counts, machine mm: where the last one was sent, not rounded to steps (gcode.c, `gc_state.position`), unless
+    /// the axes were stopped elsewhere.
+    pub(super) fn parsed_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
+        let end_mm = self.end_mm(scene, now_s);
+        let sent_mm = self.whole_steps(self.sent_mm);
+        let is_there = (0..3).all(|n| (sent_mm[n] - end_mm[n]).abs() < ROUNDING);
+        if is_there { self.sent_mm } else { end_mm }
+    }
+
     /// End of the planned motions, machine mm.
-    pub(super) fn end_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
+    fn end_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
         self.blocks.back().map_or_else(|| self.places_mm(scene, now_s), |block| block.to_mm)
     }
 
@@ -176,6 +187,7 @@ impl Machine {
     pub(in crate::emulator) fn add(&mut self, line: PlannedLine, scene: &mut Scene, now_s: f64) {
         let from_mm = self.end_mm(scene, now_s);
         let to_mm = self.whole_steps(line.to_mm);
+        self.sent_mm = line.to_mm;
         let way_mm: [f64; 3] = std::array::from_fn(|n| to_mm[n] - from_mm[n]);
         let length_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
         if length_mm < ROUNDING || self.blocks.len() >= BLOCKS_MOST {

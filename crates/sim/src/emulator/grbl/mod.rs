@@ -277,7 +277,7 @@ impl GrblEmulator {
     }
 
     fn run_gcode(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
-        let at_mm = self.machine.end_mm(scene, now_s);
+        let at_mm = self.machine.parsed_mm(scene, now_s);
         let offset_mm = self.modal.offset_mm();
         match GcodeLine::parse(line)?.execute(&mut self.modal, at_mm)? {
             BlockOrder::Go { to_mm, .. } if self.beyond_travel(to_mm) => {
@@ -346,7 +346,7 @@ impl GrblEmulator {
             return Err(GrblError::NotIdle);
         }
         let words = jog.strip_prefix('=').ok_or(GrblError::BadJog)?;
-        let at_mm = self.machine.end_mm(scene, now_s);
+        let at_mm = self.machine.parsed_mm(scene, now_s);
         if let BlockOrder::Go { to_mm, feed_mm_min } = GcodeLine::parse(words)?.jog(&self.modal, at_mm)? {
             if self.beyond_travel(to_mm) {
                 return Err(GrblError::TravelExceeded);

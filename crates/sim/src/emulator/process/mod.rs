@@ -16,9 +16,6 @@ use crate::scene::{Scene, SceneDevice};
 use palpate_core::quantity::Axis;
 use serde_json::{Map, Value, json};
 
-/// Number of the protocol version, as in the documentation page.
-const PROTOCOL: u64 = 1;
-
 /// Answer to a request, without its id, or an error text.
 type ProcessReply = Result<Map<String, Value>, String>;
 
@@ -152,7 +149,9 @@ fn reply_line(id: Option<i64>, answer: ProcessReply) -> Vec<u8> {
 }
 
 fn identity(role: &str) -> Map<String, Value> {
-    object(json!({ "role": role, "protocol": PROTOCOL, "identity": format!("emulated {role}, serial number 1") }))
+    // the version of the documentation page
+    let protocol = if role == "stage" { 2 } else { 1 };
+    object(json!({ "role": role, "protocol": protocol, "identity": format!("emulated {role}, serial number 1") }))
 }
 
 fn unknown(verb: &str) -> String {

@@ -4,7 +4,7 @@ use super::fault::{ProcessStageFault, ProcessStageFaultAfterBytes, ProcessStageF
 use super::{Instrument, ProcessReply, Request, identity, object, reply, reply_line, take_line, unknown};
 use crate::emulator::Owed;
 use crate::scene::{Scene, SceneDevice, Trajectory};
-use palpate_core::quantity::{Axis, Range, Steps};
+use palpate_core::quantity::{Axis, Range, Steps, round};
 use serde_json::{Map, Value, json};
 use std::sync::Arc;
 use tokio::sync::Notify;
@@ -281,6 +281,7 @@ impl ProcessStageEmulator {
         };
         for (axis, target_mm) in Axis::ALL.into_iter().zip(&mut targets_mm) {
             let Some(target_mm) = target_mm else { continue };
+            *target_mm = round(*target_mm, 6);
             if !limits_mm[axis.index()].contains(*target_mm) {
                 return Err(format!("{} = {target_mm} mm exceeds the travel", axis.name()));
             }

@@ -1,0 +1,80 @@
+//! A contact at rest: while the force is read, the stage is asked whether z still is where it came to rest.
+
+use super::Halt;
+use super::motion::lost;
+use super::retraction::then_notify;
+use super::rig_control::RigControl;
+use palpate_core::quantity::Axis;
+use palpate_link::device::{DeviceProblem, LoadCell, MotionOrders, SensorArray, Stage};
+use palpate_link::time::{Instant, sleep_until};
+use std::cell::Cell;
+use std::time::Duration;
+use tokio::sync::Notify;
+
+/// Interval of the questions.
+const ASKED_EVERY: Duration = Duration::from_secs(1);
+
+/// Distance at which z has left its place, in distances within which a motion arrives: two read-backs differ by that much at most.
+const PLACES: f64 = 2.0;
+
+/// Where z came to rest, stage coordinates, mm, and how far a later read-back may be from it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct AtRest {
+    z_mm: f64,
+    most_mm: f64,
+}
+
+impl AtRest {
+    /// Asks the stage each second until a time, or until something is over.
+    ///
+    /// # Errors
+    /// z isn't where it was: it moved, or the controller restarted or counts from another zero. Any motion then needs a read-back first.
+    pub(super) async fn asked<S: Stage>(&self, stage: &mut S, until: Instant, over: &Notify) -> Result<(), Halt> {
+        loop {
+            let ask_at = Instant::now() + ASKED_EVERY;
+            if ask_at >= until {
+                return Ok(());
+            }
+            tokio::select! {
+                biased;
+                () = over.notified() => return Ok(()),
+                () = sleep_until(ask_at) => {}
+            }
+            let is_mm = stage.position_mm(Axis::Z, &MotionOrders::default()).await?;
+            // written as the positive condition, so NaN fails
+            if !((is_mm - self.z_mm).abs() <= self.most_mm) {
+                let text = format!(
+                    "z came to rest at {:.4} mm and is at {is_mm:.4} mm: something else moved it, or it lost its place",
+                    self.z_mm
+                );
+                return Err(lost(DeviceProblem::Motion(text)));
+            }
+        }
+    }
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
+    /// Returns where z rests now.
+    pub(super) fn at_rest(&self) -> AtRest {
+        AtRest { z_mm: self.stage_z_mm(self.z_mm), most_mm: PLACES * self.usage.steps.in_position_mm(Axis::Z) }
+    }
+
+    /// Reads the force for this time, s, in contact at rest.
+    pub(super) async fn dwell(&mut self, seconds: f64) -> Result<(), Halt> {
+        let until = Instant::now() + Duration::from_secs_f64(seconds);
+        let at_rest = self.at_rest();
+        let (stage, cell) = (&mut self.stage, &mut self.cell);
+        let (moved, over) = (Cell::new(false), Notify::new());
+        let forces = async {
+            while Instant::now() < until && !moved.get() {
+                cell.force_n().await?;
+            }
+            Ok::<(), Halt>(())
+        };
+        let forces = then_notify(forces, &over);
+        let rests = async { at_rest.asked(stage, until, &over).await.inspect_err(|_| moved.set(true)) };
+        let (forces, rests) = tokio::join!(forces, rests);
+        forces?;
+        rests
+    }
+}
