@@ -2,6 +2,7 @@
 
 mod faults;
 
+use super::queue::RECEIVED_MOST;
 use super::*;
 use crate::emulator::tests::{POWER_ON, STIFFNESS_N_MM, Wire, scene, shared};
 use palpate_core::quantity::Axis;
