@@ -59,7 +59,7 @@ pub use ur::{
     DASHBOARD_PORT as UR_DASHBOARD_PORT, RTDE_PORT as UR_RTDE_PORT, SECONDARY_PORT as UR_SECONDARY_PORT, UrArm,
     UrEmulator, UrFault, UrFaultAfterBytes, UrFaultKind,
 };
-pub use xps::XpsEmulator;
+pub use xps::{XpsEmulator, XpsFault, XpsFaultAfterBytes, XpsFaultKind};
 
 use crate::scene::{Scene, SceneDevice};
 use std::sync::{Arc, Mutex};

@@ -13,7 +13,7 @@ use std::sync::{Arc, OnceLock};
 pub(super) fn call(body: &[u8], printer: &mut KlipperPrinter, scene: &mut Scene, now_s: f64) -> Turn {
     let error = |code, message: &str| Err((code, message.to_owned()));
     let call: Value = serde_json::from_slice(body).unwrap_or_default();
-    let (state, message) = (printer.klippy.name, &printer.klippy.message);
+    let (state, message) = (printer.klippy.name, printer.klippy.message.clone());
     let outcome = match call["method"].as_str().filter(|_| call["jsonrpc"] == "2.0") {
         None if call.is_null() => error(-32700, "Parse error"),
         None => error(-32600, "Invalid Request"),
@@ -30,6 +30,14 @@ pub(super) fn call(body: &[u8], printer: &mut KlipperPrinter, scene: &mut Scene,
             Some(script) => return Turn::Called(call["id"].clone(), printer.begin(script, scene, now_s)),
             None => error(400, "Missing Argument [script]"),
         },
+        Some("printer.emergency_stop") => {
+            printer.shut_down("Shutdown due to webhooks request", scene, now_s);
+            Ok("ok".into())
+        }
+        Some("printer.restart" | "printer.firmware_restart") => {
+            printer.restart(scene, now_s);
+            Ok("ok".into())
+        }
         Some(_) => error(-32601, "Method not found"),
     };
     Turn::Called(call["id"].clone(), Arc::new(OnceLock::from(outcome)))

@@ -241,6 +241,27 @@ async fn a_shutdown_or_a_restart_ends_the_motion() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn an_emergency_stop_passes_a_script_that_waits() {
+    let mut bench = KlipperBench::new(&[]);
+    bench.say(&format!("{PLACED}\nG1 X10 F600")).await;
+    bench.wait(0.75).await;
+    bench.wire.send(script("M400").as_bytes()).await;
+    let mut other = bench.open();
+    other.send(call("printer.emergency_stop", json!({})).as_bytes()).await;
+    assert_eq!(read(&mut other).await.1["result"], "ok");
+    assert!(bench.now_s() < 0.76);
+    // the wait ends as if the motion had (toolhead.py, `wait_moves` without `can_pause`)
+    assert_eq!(read(&mut bench.wire).await.1["result"], "ok");
+    assert!(bench.refused("G90").await.starts_with("Shutdown due to webhooks request\n"));
+    let x_mm = bench.true_mm(Axis::X, 5.0);
+    assert!((3.9..4.2).contains(&x_mm), "{x_mm}");
+    assert_eq!(bench.field("webhooks", "state").await, "shutdown");
+    assert_eq!(bench.ask(call("printer.firmware_restart", json!({}))).await["result"], "ok");
+    bench.wait(5.0).await;
+    assert_eq!(bench.field("webhooks", "state").await, "ready");
+}
+
+#[tokio::test(start_paused = true)]
 async fn answers_are_late_or_lost_and_moonraker_restarts() {
     let faults = [(0.0, SlowAnswer(3.0)), (4.0, LostAnswer), (10.0, MoonrakerRestart)];
     let mut bench = KlipperBench::new(&faults);

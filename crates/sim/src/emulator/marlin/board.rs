@@ -43,6 +43,10 @@ pub struct MarlinBoard {
     pub slip_mm: [f64; 3],
     /// Time from the opening of the port, which resets the board, to `start`, s. `None`: opening doesn't reset it.
     pub boot_s: Option<f64>,
+    /// Whether M112 and M410 act when they are received, with or without a number, whatever waits (EMERGENCY_PARSER, e_parser.h).
+    pub emergency_parser: bool,
+    /// Whether an `ok` follows a `Resend`. Builds of around 2.0.8 send none (`flush_and_request_resend`, queue.cpp).
+    pub ok_after_resend: bool,
     /// Whether M290 is known (BABYSTEPPING). Its steps aren't counted.
     pub babysteps: bool,
     /// Faults.
@@ -70,6 +74,8 @@ impl Default for MarlinBoard {
             idle_s: 120.0,
             slip_mm: [0.0; 3],
             boot_s: Some(2.0),
+            emergency_parser: false,
+            ok_after_resend: true,
             babysteps: false,
             faults: Vec::new(),
             faults_after_bytes: Vec::new(),

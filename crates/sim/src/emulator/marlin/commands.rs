@@ -115,6 +115,9 @@ impl MarlinEmulator {
             }
             ('M', 290) if planner.board.babysteps => planner.babystep(command, scene, now_s),
             ('M', 503) => report::settings(planner).iter().for_each(|line| reply.line(line)),
+            ('M', 220) if !['S', 'B', 'R'].into_iter().any(|letter| command.has(letter)) => {
+                reply.line(format!("FR:{:.0}%", planner.feed_percent));
+            }
             ('M', 220) => {
                 planner.feed_percent =
                     command.value('S').filter(|&percent| percent > 0.0).unwrap_or(planner.feed_percent)
@@ -128,10 +131,16 @@ impl MarlinEmulator {
     }
 
     fn identify(&self, reply: &mut MarlinReply) {
-        let levels = self.planner.board.bed_rise.is_some();
+        let board = &self.planner.board;
+        let has = |name: &str| match name {
+            "AUTOLEVEL" | "LEVELING_DATA" => board.bed_rise.is_some(),
+            "EMERGENCY_PARSER" => board.emergency_parser,
+            "BABYSTEPPING" => board.babysteps,
+            _ => false,
+        };
         reply.line(report::FIRMWARE);
         for capability in report::CAPABILITIES.split(' ') {
-            match capability.strip_suffix(":0").filter(|name| levels && ["AUTOLEVEL", "LEVELING_DATA"].contains(name)) {
+            match capability.strip_suffix(":0").filter(|name| has(name)) {
                 Some(name) => reply.line(format!("Cap:{name}:1")),
                 None => reply.line(format!("Cap:{capability}")),
             }

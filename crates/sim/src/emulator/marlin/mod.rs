@@ -3,7 +3,7 @@
 //! when it is in the queue.
 //!
 //! The end of the queue and the present place are different things: M114 states both, the first as X, Y and Z, the second as a count
-//! of steps. A stock build has no EMERGENCY_PARSER. So an M112 or M410 without a number acts when its line moves from the serial
+//! of steps. A stock build has no EMERGENCY_PARSER; a board can have one. Without it an M112 or M410 without a number acts when its line moves from the serial
 //! buffer to the command buffer (queue.cpp, `get_serial_commands`). One with a number acts when its turn comes. After M112 the motors step on for 0.6 s, and then nothing is
 //! answered until a reset.
 //!
@@ -24,6 +24,7 @@ mod fault;
 mod gcode;
 mod line;
 mod planner;
+mod queue;
 mod report;
 #[cfg(test)]
 mod tests;
@@ -35,17 +36,13 @@ pub use board::MarlinBoard;
 pub use fault::{Announced, MarlinFault, MarlinFaultAfterBytes, MarlinFaultKind};
 
 use commands::Stall;
-use gcode::MarlinCommand;
 use line::SerialLines;
 use planner::MarlinPlanner;
+use queue::QueuedLine;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use tokio::sync::Notify;
 
-/// Lines in the command buffer, with the one that is carried out (BUFSIZE).
-const COMMANDS_MOST: usize = 4;
-/// Bytes in the serial buffer behind it.
-const RECEIVED_MOST: usize = 128;
 /// Time from one `busy` to the next, s (M113).
 const KEEPALIVE_S: f64 = 2.0;
 /// Time for which no motion is accepted after a quick stop, s.
@@ -87,14 +84,6 @@ pub struct MarlinEmulator {
     /// Whether the port was opened since the last request.
     opened: bool,
     bell: Arc<Notify>,
-}
-
-/// Line of the command buffer.
-#[derive(Clone)]
-struct QueuedLine {
-    text: String,
-    /// Whether another host sent it, who gets its answer.
-    is_others: bool,
 }
 
 /// State of the board.
@@ -169,7 +158,7 @@ impl Instrument for MarlinEmulator {
         self.run(&mut reply, scene, now_s);
         let is_lost = std::mem::take(&mut self.is_fresh) || request.is_empty();
         if self.power == Power::Runs && !is_lost {
-            self.receive(request, now_s);
+            self.receive(request, &mut reply, scene, now_s);
             self.accept_lines(&mut reply, scene, now_s);
             self.run(&mut reply, scene, now_s);
         }
@@ -334,85 +323,6 @@ impl MarlinEmulator {
     }
 }
 
-impl MarlinEmulator {
-    /// Stores a line in the serial buffer. A line for which there is no room is lost.
-    fn receive(&mut self, request: &[u8], now_s: f64) {
-        let mut line = String::from_utf8_lossy(request).into_owned();
-        if self.faults.take(now_s, |kind| kind == MarlinFaultKind::GarbledLine).is_some() {
-            line = garbled(&line);
-        }
-        let taken: usize = self.received.iter().map(|line| line.len() + 1).sum();
-        if taken + line.len() < RECEIVED_MOST {
-            self.received.push_back(line);
-        }
-    }
-
-    /// Moves lines to the command buffer while it has room. M112 and M410 act here if they have no number.
-    fn accept_lines(&mut self, reply: &mut MarlinReply, scene: &mut Scene, now_s: f64) {
-        while self.commands.len() < COMMANDS_MOST
-            && self.power == Power::Runs
-            && let Some(line) = self.received.pop_front()
-        {
-            match line::check(&line, self.last_line) {
-                Ok(number) => self.last_line = number,
-                Err(refusal) => {
-                    let last = self.last_line;
-                    reply.line(format!("Error:{}, Last Line: {last}", refusal.text()));
-                    reply.line(format!("Resend: {}", last.wrapping_add(1)));
-                    self.ok("", reply, now_s);
-                    self.received.clear();
-                    self.reader.clear();
-                    self.flushes = true;
-                    return;
-                }
-            }
-            self.act_early(&line, reply, scene, now_s);
-            self.commands.push_back(QueuedLine { text: line, is_others: false });
-        }
-    }
-
-    /// Does what a line without a number does before its turn: M112 and M410.
-    fn act_early(&mut self, line: &str, reply: &mut MarlinReply, scene: &mut Scene, now_s: f64) {
-        let word = line.trim_start_matches(' ');
-        if word.starts_with("M112") {
-            self.kill(KILLED, reply, now_s);
-        } else if word.starts_with("M410") {
-            self.planner.quick_stop(scene, now_s);
-            self.held_s = now_s + CLEANING_S;
-        }
-    }
-
-    /// Lets the first command wait, or ends it.
-    fn carry_on(&mut self, reply: &mut MarlinReply, scene: &mut Scene, now_s: f64) {
-        let Some(QueuedLine { text, is_others }) = self.commands.front().cloned() else { return };
-        let command = MarlinCommand::parse(&text);
-        let waited = self.stall;
-        if waited.is_none() {
-            self.busy_s = if self.keepalive_s > 0.0 { now_s + self.keepalive_s } else { f64::INFINITY };
-            if self.faults.take(now_s, |kind| kind == MarlinFaultKind::Busy).is_some() {
-                self.stall = Some(Stall::Until(f64::INFINITY));
-                return;
-            }
-        }
-        self.stall = self.next_stall(waited, &command, scene, now_s);
-        if self.stall.is_none() {
-            self.busy_s = f64::INFINITY;
-            let mut others = MarlinReply::default();
-            self.execute(&command, if is_others { &mut others } else { reply }, scene, now_s);
-            self.commands.pop_front();
-            self.accept_lines(reply, scene, now_s);
-        }
-    }
-}
-
 fn earlier(one: (f64, Event), other: (f64, Event)) -> (f64, Event) {
     if other.0 < one.0 { other } else { one }
-}
-
-/// Returns a line with the lowest bit of its command's letter inverted.
-fn garbled(line: &str) -> String {
-    let command = MarlinCommand::parse(line).text;
-    let at = line.find(command).unwrap_or(0);
-    let invert = |(n, char): (usize, char)| if n == at && char.is_ascii() { char::from(char as u8 ^ 1) } else { char };
-    line.char_indices().map(invert).collect()
 }

@@ -89,8 +89,8 @@ pub(super) fn on_off(on: bool) -> &'static str {
     if on { "ON" } else { "OFF" }
 }
 
-/// Formats a number with decimals. A zero has no sign.
+/// Formats a number with decimals. A number below zero has a sign, also if its decimals are zeros (`printNumber`, serial_base.h).
 fn decimals(number: f64, decimals: i32) -> String {
     let scale = 10f64.powi(decimals);
-    format!("{:.*}", decimals as usize, (number * scale).round() / scale + 0.0)
+    format!("{:.*}", decimals as usize, ((number + 0.0) * scale).round() / scale)
 }

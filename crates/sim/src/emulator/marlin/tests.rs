@@ -2,6 +2,7 @@
 
 mod faults;
 
+use super::queue::RECEIVED_MOST;
 use super::*;
 use crate::emulator::tests::{POWER_ON, STIFFNESS_N_MM, Wire, scene, shared};
 use palpate_core::quantity::Axis;
@@ -216,7 +217,7 @@ fn distances_are_absolute_or_incremental_and_the_feed_stays() {
     assert!((bench.done_s - 60.25).abs() < 1e-6, "{}", bench.done_s);
     bench.script(&[(70.0, "G0 Z12.5 F6000\n", "ok"), (70.0, "M400\n", "ok")]);
     assert!((bench.done_s - 70.25).abs() < 1e-6, "{}", bench.done_s);
-    bench.script(&[(80.0, "G0 Z13.5 F300\nM220 S50\nG0 Z12.5\nM400\n", "ok|ok|ok|ok")]);
+    bench.script(&[(75.0, "M220\n", "FR:100%|ok"), (80.0, "G0 Z13.5 F300\nM220 S50\nG0 Z12.5\nM400\n", "ok|ok|ok|ok")]);
     assert!((bench.done_s - 80.25 - 0.425).abs() < 1e-6, "{}", bench.done_s);
     bench.script(&[(90.0, "M220 S100\nM204 T100\nG1 X3.5 F600\nM18\n", "ok|ok|ok|ok")]);
     // M18 waits: 10 mm at 10 mm/s with 100 mm/s^2
@@ -356,6 +357,15 @@ fn a_motion_from_a_new_zero_is_the_same_in_every_mode() {
         let counts = bench.say(45.0, "M114\n");
         assert_eq!(counts, "X:0.00 Y:0.00 Z:-0.50 E:0.00 Count X:1000 Y:1000 Z:4800|ok", "{before}");
     }
+}
+
+#[test]
+fn a_place_just_below_zero_has_a_sign() {
+    let mut bench = MarlinBench::homed(board());
+    bench.script(&[
+        (40.0, "G92 Z0.001\nG1 Z-0.001\n", "X:12.50 Y:12.50 Z:0.00 E:0.00 Count X:1000 Y:1000 Z:5000|ok|ok"),
+        (41.0, "M114\n", "X:12.50 Y:12.50 Z:-0.00 E:0.00 Count X:1000 Y:1000 Z:5000|ok"),
+    ]);
 }
 
 #[test]

@@ -45,7 +45,7 @@ fn stage_homes_and_moves_as_documented() {
         (
             10.0,
             r#"{"id": 1, "do": "identify"}"#,
-            r#"{"id":1,"identity":"emulated stage, serial number 1","protocol":1,"role":"stage"}"#,
+            r#"{"id":1,"identity":"emulated stage, serial number 1","protocol":2,"role":"stage"}"#,
         ),
         (10.0, r#"{"id": 2, "do": "status"}"#, r#"{"id":2,"moving":false,"position_mm":{"x":0.0,"y":0.0,"z":12.5}}"#),
         (10.0, r#"{"id": 3, "do": "move", "to_mm": {"x": 1, "z": 2.5}, "speed_mm_s": 10, "extra": 1}"#, r#"{"id":3}"#),

@@ -2,8 +2,10 @@
 
 use super::errors::{self, Code};
 use super::events::{self, ExtendedEvents};
+use super::fault::XpsFaultKind;
 use super::group::{EmulatedGroup, PendingReply};
 use super::syntax::{Call, Type, number, numbers};
+use crate::emulator::faults::Faults;
 use crate::scene::Scene;
 
 /// Answer to `FirmwareVersionGet` and `InstallerVersionGet`.
@@ -22,6 +24,11 @@ pub(super) struct Controller {
     volts_per_newton: f64,
     /// Whether an event was started, which concerns every link that waits for a motion.
     stirred: bool,
+    pub(super) faults: Faults<XpsFaultKind>,
+    /// Number of restarts. A socket ends with the restart after it was opened.
+    pub(super) restarts: u32,
+    /// Time until which it restarts, s.
+    pub(super) down_until_s: f64,
 }
 
 /// The result of a call.
@@ -46,11 +53,43 @@ impl From<PendingReply> for CallReply {
 
 impl Controller {
     pub(super) fn new(groups: Vec<EmulatedGroup>, volts_per_newton: f64) -> Self {
-        Controller { groups, events: ExtendedEvents::default(), volts_per_newton, stirred: false }
+        Controller {
+            groups,
+            events: ExtendedEvents::default(),
+            volts_per_newton,
+            stirred: false,
+            faults: Faults::new(&[], &[]),
+            restarts: 0,
+            down_until_s: f64::NEG_INFINITY,
+        }
+    }
+
+    /// Lets the faults happen that are due.
+    fn fail(&mut self, scene: &mut Scene, now_s: f64) {
+        self.faults.come(now_s);
+        loop {
+            let at_s = self.faults.next_s(XpsFaultKind::is_timed);
+            match self.faults.take(now_s, XpsFaultKind::is_timed) {
+                None => return,
+                Some(XpsFaultKind::Restart { takes_s }) => {
+                    self.groups.iter_mut().for_each(|group| group.restart(scene, now_s));
+                    self.events = ExtendedEvents::default();
+                    (self.restarts, self.down_until_s, self.stirred) = (self.restarts + 1, at_s + takes_s, true);
+                }
+                Some(XpsFaultKind::Other(calls)) if now_s >= self.down_until_s => {
+                    for call in calls.lines() {
+                        // nobody hears the answer
+                        let _ = Call::read(call.as_bytes()).and_then(|call| self.run(call, scene, now_s));
+                    }
+                }
+                Some(_) => {}
+            }
+        }
     }
 
     /// Applies the effects of everything that has ended by `now_s`, and triggers the events whose conditions are met.
     pub(super) fn notice(&mut self, scene: &mut Scene, now_s: f64) {
+        self.fail(scene, now_s);
         self.groups.iter_mut().for_each(|group| group.notice(scene, now_s));
         if !self.guards() {
             return;

@@ -121,6 +121,14 @@ impl EmulatedGroup {
         }
     }
 
+    /// Restarts as at power-on. The axes come to rest, and count zero there.
+    pub(super) fn restart(&mut self, scene: &mut Scene, now_s: f64) {
+        self.positioners.iter().for_each(|positioner| positioner.brake(scene, now_s));
+        let fresh = |old: &EmulatedPositioner| EmulatedPositioner::new(&old.name, old.axis, scene);
+        let positioners = self.positioners.iter().map(fresh).collect();
+        *self = EmulatedGroup { stirred: true, ..EmulatedGroup::new(&self.name, positioners) };
+    }
+
     /// The number of its state.
     pub(super) fn status(&self) -> i32 {
         self.state as i32

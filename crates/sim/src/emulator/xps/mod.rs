@@ -15,6 +15,7 @@
 mod controller;
 mod errors;
 mod events;
+mod fault;
 mod group;
 mod motion;
 mod positioner;
@@ -22,10 +23,12 @@ mod syntax;
 #[cfg(test)]
 mod tests;
 
+use super::faults::Faults;
 use super::{Instrument, Owed, Shared};
 use crate::scene::{Scene, SceneDevice};
 use controller::{CallReply, Controller};
 use errors::Code;
+pub use fault::{XpsFault, XpsFaultAfterBytes, XpsFaultKind};
 use group::{EmulatedGroup, PendingReply};
 use palpate_core::parallel::lock;
 use palpate_core::quantity::Axis;
@@ -43,6 +46,9 @@ pub struct XpsEmulator {
     controller: Shared<Controller>,
     bell: Arc<Notify>,
     pending: Option<Pending>,
+    /// Number of restarts of the controller when this socket was first served.
+    opened: Option<u32>,
+    held: Vec<u8>,
 }
 
 /// Call that is answered later.
@@ -70,7 +76,32 @@ impl XpsEmulator {
     }
 
     fn on(controller: Shared<Controller>, bell: Arc<Notify>) -> Self {
-        XpsEmulator { controller, bell, pending: None }
+        XpsEmulator { controller, bell, pending: None, opened: None, held: Vec::new() }
+    }
+
+    /// Gives the controller faults: at their times, and after some bytes.
+    #[must_use]
+    pub fn with_faults(self, timed: &[XpsFault], after_bytes: &[XpsFaultAfterBytes]) -> Self {
+        self.controller().faults = Faults::new(timed, after_bytes);
+        self
+    }
+
+    /// Whether the controller has closed this socket.
+    fn is_closed(&mut self, now_s: f64) -> bool {
+        let (restarts, down_until_s) = {
+            let controller = self.controller();
+            (controller.restarts, controller.down_until_s)
+        };
+        *self.opened.get_or_insert(restarts) != restarts || now_s < down_until_s
+    }
+
+    /// Returns what arrives of an answer.
+    fn said(&self, reply: Vec<u8>, now_s: f64) -> Vec<u8> {
+        match self.controller().faults.take(now_s, |kind| !kind.is_timed()) {
+            Some(XpsFaultKind::LostAnswer) => Vec::new(),
+            Some(_) => reply.repeat(2),
+            None => reply,
+        }
     }
 
     /// Locks the controller. It is locked last, after the instrument and the scene.
@@ -85,12 +116,17 @@ impl Instrument for XpsEmulator {
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-        syntax::take_request(inbox)
+        lock(&self.controller).faults.admit(inbox, &mut self.held, syntax::take_request)
     }
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        self.is_closed(now_s); // it is open from now on
+        self.controller().notice(scene, now_s);
+        if self.is_closed(now_s) || request.is_empty() {
+            self.bell.notify_waiters();
+            return Vec::new();
+        }
         let mut controller = self.controller();
-        controller.notice(scene, now_s);
         let answer = match self.pending {
             Some(_) => Err(Code::BUSY_SOCKET),
             None => Call::read(request).and_then(|call| controller.run(call, scene, now_s)),
@@ -100,14 +136,15 @@ impl Instrument for XpsEmulator {
         if stirred {
             self.bell.notify_waiters();
         }
-        match answer {
+        let reply = match answer {
             Ok(CallReply::Values(values)) => syntax::done(&values),
             Ok(CallReply::Later(outcome)) => {
                 self.pending = Some(Pending { request: request.to_vec(), outcome });
-                Vec::new()
+                return Vec::new();
             }
             Err(code) => syntax::failed(code, request),
-        }
+        };
+        self.said(reply, now_s)
     }
 
     fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
@@ -121,22 +158,29 @@ impl Instrument for XpsEmulator {
     /// Returns what this link is owed, and lets the controller continue. Normally a link that waits for a group's operation does
     /// this. If that link was closed or never existed, all other links do it.
     fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
+        self.is_closed(now_s); // it is open from now on
         let mut controller = self.controller();
         controller.notice(scene, now_s);
         let (stirred, next_s) = (controller.take_stirred(), controller.next_s(now_s));
         let waits = self.pending.is_some() || controller.is_unattended();
+        let fault_s = controller.faults.next_s(XpsFaultKind::is_timed);
         drop(controller);
         if stirred {
             self.bell.notify_waiters();
+        }
+        if self.is_closed(now_s) {
+            return Owed::HungUp;
         }
         if let Some(Pending { request, outcome }) = &self.pending
             && let Some(&code) = outcome.get()
         {
             let reply = if code == Code::DONE { syntax::done("") } else { syntax::failed(code, request) };
             self.pending = None;
-            return Owed::Ready(reply);
+            let reply = self.said(reply, now_s);
+            return if reply.is_empty() { self.owed(scene, now_s) } else { Owed::Ready(reply) };
         }
-        if waits && next_s.is_finite() { Owed::At(next_s) } else { Owed::Nothing }
+        let next_s = if waits { next_s.min(fault_s) } else { fault_s };
+        if next_s.is_finite() { Owed::At(next_s) } else { Owed::Nothing }
     }
 }
 

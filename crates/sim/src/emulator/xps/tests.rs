@@ -1,5 +1,6 @@
 //! The XPS, call by call.
 
+mod faults;
 mod sockets;
 
 use super::positioner::TRAVEL_MM;

@@ -145,6 +145,22 @@ fn a_command_that_never_ends_is_busy_for_ever_and_only_a_kill_is_obeyed() {
 }
 
 #[test]
+fn an_emergency_parser_stops_at_once_whatever_waits() {
+    let busy = vec![at(40.0, MarlinFaultKind::Busy)];
+    let mut bench = MarlinBench::homed(MarlinBoard { emergency_parser: true, faults: busy, ..board() });
+    assert!(bench.say(38.0, "M115\n").contains("|Cap:EMERGENCY_PARSER:1|"));
+    assert_eq!(bench.say(39.5, "G1 X22.5 F600\n"), "ok");
+    // the first of these never ends, and fills the buffers with the others
+    assert_eq!(bench.send(40.0, &"M400\n".repeat(40)), "");
+    assert_eq!(bench.send(40.5, &numbered(1, "M410")), "");
+    assert!((9.9..10.0).contains(&bench.true_mm(Axis::X, 60.0)), "{}", bench.true_mm(Axis::X, 60.0));
+    bench.hear(61.0);
+    assert_eq!(bench.send(61.0, &numbered(2, "M112")), KILL);
+    let mut bench = MarlinBench::homed(MarlinBoard { ok_after_resend: false, ..board() });
+    assert_eq!(bench.say(40.0, &numbered(4, "G90")), RESENT.trim_end_matches("|ok"));
+}
+
+#[test]
 fn counts_jump_and_nothing_moves() {
     let mut bench = failing(MarlinFaultKind::CountsJump([0, 0, -400]));
     assert_eq!(bench.say(39.0, "G1 Z12 F30\n"), "ok");
