@@ -4,7 +4,7 @@
 //! answer. So their result is read from `MD?`, the read-back and the error queue.
 
 use super::MOTION_MARGIN;
-use palpate_core::quantity::{Axis, Range, seconds};
+use palpate_core::quantity::{Axis, Range, round, seconds};
 use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::{Connector, LineExchange, Urgent, WireError};
@@ -25,6 +25,10 @@ const HOME_SHORT_MM: f64 = 1.0;
 
 /// Position of the home mark of x and y, mm: rigs count from the mark, as the controller does as shipped.
 const HOME_MARK_MM: f64 = 0.0;
+
+/// Largest distance of a read-back from where the axis was sent, mm: what the mechanics lack at rest. At a larger one somebody else set
+/// another place or zero.
+const SENT_MM: f64 = 0.02;
 
 /// Least number of decimals of a position (manual, page TP). A position with fewer decimals is damaged.
 const DECIMALS: usize = 3;
@@ -59,6 +63,8 @@ pub struct Esp301 {
     stopped: bool,
     /// The axes that this driver has homed.
     homed: [bool; 3],
+    /// Where each axis was sent, mm: a relative motion begins there, not where the axis is read back. `None` after a stop.
+    sent_mm: [Option<f64>; 3],
 }
 
 impl Esp301 {
@@ -73,6 +79,7 @@ impl Esp301 {
             complaints: Vec::new(),
             stopped: false,
             homed: [false; 3],
+            sent_mm: [None; 3],
         }
     }
 
@@ -98,11 +105,17 @@ impl Esp301 {
     ) -> Result<Option<Vec<f64>>, DeviceError> {
         let questions = |name: &'static str| axes.iter().map(move |&axis| format!("{}{name}", number(axis)));
         let travels = axes.iter().map(|&axis| self.reach(axis)).collect::<Vec<_>>();
-        let question = questions("MD?").chain(questions("TP")).collect::<Vec<_>>().join(";") + ";TB?";
+        // after a stop also where it was sent (manual, page DP)
+        let is_stopped = axes.iter().any(|axis| self.sent_mm[axis.index()].is_none()) && self.usage.is_some();
+        let (commanded, count) = if is_stopped { (axes.len(), 3) } else { (0, 2) };
+        let question = questions("MD?").chain(questions("TP")).chain(questions("DP?").take(commanded));
+        let question = question.collect::<Vec<_>>().join(";") + ";TB?";
         let read = |answers: &[String]| {
             let (complaint, answers) = answers.split_last()?;
             let complaint = complaint_in(complaint)?;
-            let (done, places) = answers.split_at_checked(axes.len())?;
+            let (done, answers) = answers.split_at_checked(axes.len())?;
+            let (places, sent) = answers.split_at_checked(axes.len())?;
+            let sent: Vec<f64> = sent.iter().map(|text| number_in(text)).collect::<Option<_>>()?;
             let done = done.iter().map(|text| match text.as_str() {
                 "0" => Some(false),
                 "1" => Some(true),
@@ -110,14 +123,16 @@ impl Esp301 {
             });
             let places = places.iter().zip(&travels).map(|(text, travel)| place_in(text, *travel));
             let (done, places): (Vec<bool>, Vec<f64>) = (done.collect::<Option<_>>()?, places.collect::<Option<_>>()?);
-            Some((done.iter().all(|&done| done).then_some(places), complaint))
+            Some((done.iter().all(|&done| done).then_some((places, sent)), complaint))
         };
         let expected = "0 or 1 and a position for each axis, and an error";
         let (places, complaint) =
-            self.ask_for(doing, &question, 2 * axes.len() + 1, Some((orders, axes)), expected, read).await?;
+            self.ask_for(doing, &question, count * axes.len() + 1, Some((orders, axes)), expected, read).await?;
         let room = COMPLAINTS_MAX.saturating_sub(self.complaints.len());
         self.complaints.extend(complaint.into_iter().take(room));
-        Ok(places)
+        let Some((places, sent)) = places else { return Ok(None) };
+        axes.iter().zip(sent).for_each(|(axis, sent_mm)| self.sent_mm[axis.index()] = Some(sent_mm));
+        Ok(Some(places))
     }
 
     /// Returns the answers to a line of questions, asked again if the answers are invalid. Orders during the call
@@ -336,10 +351,15 @@ impl Stage for Esp301 {
     }
 
     async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
-        // relative to where the axis was sent (manual, page PR)
-        let command = |way: &AxisWay| {
+        // relative to where the axis was sent (manual, page PR), which is near where it was read back
+        let by_mm = |way: &AxisWay| {
+            let sent_mm = self.sent_mm[way.axis.index()].filter(|sent_mm| (sent_mm - way.from_mm).abs() <= SENT_MM);
+            sent_mm.map_or(way.by_mm, |sent_mm| round(way.to_mm() - sent_mm, 5))
+        };
+        let by_mm: Vec<f64> = ways.iter().map(by_mm).collect();
+        let command = |(way, by_mm): (&AxisWay, &f64)| {
             let n = number(way.axis);
-            format!("{n}VA{speed_mm_s:.5};{n}PR{:.5}", way.by_mm)
+            format!("{n}VA{speed_mm_s:.5};{n}PR{by_mm:.5}")
         };
         let Some(last) = ways.last().map(|way| way.axis) else { return Ok(()) };
         // complaints about the motion before; on the way to park they don't stop it
@@ -353,13 +373,19 @@ impl Stage for Esp301 {
         }
         // set commands have no answer: the answer to the question after them shows that they were accepted, and when
         let (doing, question) = ("starting a motion", format!("{}MD?", number(last)));
-        let line = ways.iter().map(command).collect::<Vec<_>>().join(";") + ";" + &question;
+        let line = ways.iter().zip(&by_mm).map(command).collect::<Vec<_>>().join(";") + ";" + &question;
         let axes: Vec<Axis> = ways.iter().map(|way| way.axis).collect();
         let urgent = || orders.take().map(|order| line_of(order, &axes));
         let urgent = Urgent { asked: orders.pulled(), line: &urgent };
         let asked = Instant::now();
+        let sent_mm = self.sent_mm;
+        axes.iter().for_each(|axis| self.sent_mm[axis.index()] = None); // in doubt until it is answered
         let answers = self.line.ask_all(&line, 1, Some(&urgent)).await.map_err(|error| self.failed(doing, &error))?;
         self.quickest = self.quickest.min(asked.elapsed());
+        for (way, by_mm) in ways.iter().zip(by_mm) {
+            let sent_mm = &sent_mm[way.axis.index()].filter(|_| !orders.stopped());
+            self.sent_mm[way.axis.index()] = sent_mm.map(|sent_mm| sent_mm + by_mm);
+        }
         // a stop during resynchronisation was sent before the motion
         if orders.stopped() {
             self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
@@ -392,6 +418,7 @@ impl Stage for Esp301 {
                 text.map_err(|error| self.failed(doing, &error))?;
             }
             if orders.stopped() {
+                self.sent_mm = [None; 3];
                 break;
             }
             tokio::select! {
@@ -401,7 +428,13 @@ impl Stage for Esp301 {
             }
         }
         loop {
-            if let Some(places_mm) = self.at_rest(doing, axes, orders).await? {
+            let was_stopped = orders.stopped();
+            if was_stopped {
+                self.sent_mm = [None; 3];
+            }
+            if let Some(places_mm) = self.at_rest(doing, axes, orders).await?
+                && orders.stopped() == was_stopped
+            {
                 return Ok(places_mm);
             }
             if began.elapsed() > until {
@@ -421,7 +454,7 @@ impl Stage for Esp301 {
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {
-        self.stopped = true;
+        (self.stopped, self.sent_mm) = (true, [None; 3]);
         self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed("stopping", &error))
     }
 

@@ -114,8 +114,11 @@ async fn a_move_is_one_line_and_its_end_is_asked_for() {
 
 #[tokio::test(start_paused = true)]
 async fn a_stop_is_sent_while_an_answer_is_awaited() {
-    let (mut stage, device) =
-        stage(&[(b"3MD?;3TP;TB?\r", b""), (b"ST\r", b"1\r\n-0.2000\r\n0, 11, NO ERROR DETECTED\r\n")]);
+    let (mut stage, device) = stage(&[
+        (b"3MD?;3TP;TB?\r", b""),
+        (b"ST\r", b"1\r\n-0.2000\r\n0, 11, NO ERROR DETECTED\r\n"),
+        (b"3MD?;3TP;TB?\r", b"1\r\n-0.2000\r\n0, 11, NO ERROR DETECTED\r\n"),
+    ]);
     let orders = MotionOrders::default();
     let ask_for_it = async {
         sleep(Duration::from_millis(30)).await;

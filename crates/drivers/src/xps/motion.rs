@@ -2,7 +2,7 @@
 
 use super::CALL_DEADLINE;
 use super::groups::{DrivenGroup, GroupMotion, first_answer};
-use super::stage::{Xps, state};
+use super::stage::{Xps, numbers, state};
 use super::text::GroupState;
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
@@ -13,16 +13,40 @@ use std::time::Duration;
 /// Longest time from a motion's call until the group moves or has moved.
 const TAKEN_DEADLINE: Duration = Duration::from_secs(1);
 
+/// Largest distance of a read-back from the setpoint, mm: what the mechanics lack at rest.
+const SENT_MM: f64 = 0.02;
+
 /// Code with which an aborted motion is answered.
 const ABORTED: i32 = -27;
 
 impl Xps {
     /// Returns the motions of the groups that some axes are in: one positioner, or the complete group, whose other axes don't move.
-    pub(super) fn motions_of(&self, ways: &[AxisWay]) -> Vec<(usize, GroupMotion)> {
+    pub(super) async fn motions_of(
+        &mut self,
+        ways: &[AxisWay],
+        orders: &MotionOrders,
+    ) -> Result<Vec<(usize, GroupMotion)>, DeviceError> {
+        let mut all = Vec::with_capacity(ways.len());
+        for way in ways {
+            let sent_mm = match self.sent_mm[way.axis.index()] {
+                Some(sent_mm) => sent_mm,
+                None => {
+                    let call = format!("GroupPositionSetpointGet({},double *)", self.positioner(way.axis));
+                    let Xps { asks, brakes, .. } = self;
+                    let [sent_mm] = brakes.ready_during(orders, numbers(asks, "reading a setpoint", &call)).await?;
+                    self.note_abort(orders);
+                    self.sent_mm[way.axis.index()] = Some(sent_mm);
+                    sent_mm
+                }
+            };
+            // near where it was read back; otherwise somebody else set another place or zero
+            let is_near = (sent_mm - way.from_mm).abs() <= SENT_MM;
+            all.push(if is_near { AxisWay { from_mm: sent_mm, by_mm: way.to_mm() - sent_mm, ..*way } } else { *way });
+        }
         let axes: Vec<Axis> = ways.iter().map(|way| way.axis).collect();
         let motion = |nth: usize| {
             let DrivenGroup { name, axes, .. } = &self.groups[nth];
-            let own: Vec<AxisWay> = ways.iter().copied().filter(|way| axes.contains(&way.axis)).collect();
+            let own: Vec<AxisWay> = all.iter().copied().filter(|way| axes.contains(&way.axis)).collect();
             let call = match own[..] {
                 [way] => format!("GroupMoveRelative({},{:.6})", self.positioner(way.axis), way.by_mm),
                 _ => {
@@ -33,7 +57,7 @@ impl Xps {
             };
             (nth, GroupMotion { call, ways: own, aborted: false })
         };
-        self.groups_of(&axes).into_iter().map(motion).collect()
+        Ok(self.groups_of(&axes).into_iter().map(motion).collect())
     }
 
     /// Sends motions, one to each group, and waits until each group moves or has moved. A stop during this time is sent at once.
@@ -58,6 +82,7 @@ impl Xps {
             if orders.stopped() {
                 break;
             }
+            motion.ways.iter().for_each(|way| self.sent_mm[way.axis.index()] = None);
             let group = &mut self.groups[nth];
             group.moves.begin(doing, &motion.call, CALL_DEADLINE).await?;
             group.under_way = Some(motion);
@@ -97,7 +122,10 @@ impl Xps {
         let group = &mut self.groups[nth];
         let Some(motion) = group.under_way.take() else { return Ok(()) };
         match code {
-            0 => Ok(()),
+            0 => {
+                motion.ways.iter().for_each(|way| self.sent_mm[way.axis.index()] = Some(way.to_mm()));
+                Ok(())
+            }
             ABORTED if motion.aborted => Ok(()),
             ABORTED => {
                 let problem = match group.armed.take() {
@@ -189,7 +217,7 @@ impl Xps {
             let at_mm = self.place_mm(doing, way.axis, orders).await?;
             left.push(AxisWay::between(way.axis, at_mm, way.to_mm()));
         }
-        let motions = self.motions_of(&left);
+        let motions = self.motions_of(&left, orders).await?;
         self.start(motions, orders).await
     }
 

@@ -29,6 +29,8 @@ pub struct Xps {
     pub(super) acceleration_mm_s2: f64,
     /// Speed, acceleration and jerk times that are set in each positioner: mm/s, mm/s^2, s, s.
     pub(super) profiles: [[f64; 4]; 3],
+    /// Setpoint of each axis, mm: a relative motion begins there, not where the axis is read back. `None` in a motion and after a stop.
+    pub(super) sent_mm: [Option<f64>; 3],
 }
 
 impl Xps {
@@ -44,8 +46,8 @@ impl Xps {
             groups.push(DrivenGroup { name, axes, moves, armed: None, under_way: None });
         }
         let brakes = Brakes { groups: brakes };
-        let (usage, profiles) = (None, [[0.0; 4]; 3]);
-        Xps { asks, brakes, groups, grouping, guard, link, usage, acceleration_mm_s2: 0.0, profiles }
+        let (usage, profiles, sent_mm) = (None, [[0.0; 4]; 3], [None; 3]);
+        Xps { asks, brakes, groups, grouping, guard, link, usage, acceleration_mm_s2: 0.0, profiles, sent_mm }
     }
 
     pub(super) fn positioner(&self, axis: Axis) -> String {
@@ -148,7 +150,11 @@ impl Xps {
 }
 
 /// Returns the numbers in the answer to a call.
-async fn numbers<const N: usize>(asks: &mut Socket, doing: &str, call: &str) -> Result<[f64; N], DeviceError> {
+pub(super) async fn numbers<const N: usize>(
+    asks: &mut Socket,
+    doing: &str,
+    call: &str,
+) -> Result<[f64; N], DeviceError> {
     let values = asks.call(doing, call, CALL_DEADLINE).await?;
     let numbers: Option<Vec<f64>> = values.iter().map(|text| number_in(text)).collect();
     numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| {
@@ -237,7 +243,7 @@ impl Stage for Xps {
         for way in ways {
             self.shape(way.axis, speed_mm_s, orders).await?;
         }
-        let motions = self.motions_of(ways);
+        let motions = self.motions_of(ways, orders).await?;
         self.start(motions, orders).await
     }
 

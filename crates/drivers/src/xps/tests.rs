@@ -130,6 +130,7 @@ async fn a_motion_is_shaped_begun_and_ends_with_its_late_answer() {
             &[(b"GroupMoveRelative(XYZ.Z,-1.250000)", b""), (b"", b"0,,EndOfAPI")],
             &[
                 (b"PositionerSGammaParametersSet(XYZ.Z,1.500000,0.000000,0,0)", b"0,,EndOfAPI"),
+                (b"GroupPositionSetpointGet(XYZ.Z,double *)", b"0,0,EndOfAPI"),
                 (b"GroupStatusGet(XYZ,int *)", b"0,44,EndOfAPI"),
                 (b"GroupPositionCurrentGet(XYZ.Z,double *)", b"0,-1.25,EndOfAPI"),
             ],
@@ -150,6 +151,7 @@ async fn a_target_out_of_range_is_refused_in_the_controllers_words() {
             &[(b"GroupMoveRelative(XYZ.Z,380.000000)", b"-17,GroupMoveRelative(XYZ.Z,380.000000),EndOfAPI")],
             &[
                 (b"PositionerSGammaParametersSet(XYZ.Z,1.500000,0.000000,0,0)", b"0,,EndOfAPI"),
+                (b"GroupPositionSetpointGet(XYZ.Z,double *)", b"0,0,EndOfAPI"),
                 (b"GroupStatusGet(XYZ,int *)", b"0,12,EndOfAPI"),
             ],
             &[],
@@ -168,6 +170,7 @@ async fn stop_uses_its_own_socket_and_motion_ends_with_code_27() {
             &[(b"GroupMoveRelative(XYZ.Z,-1.250000)", b""), (b"", b"-27,GroupMoveRelative(XYZ.Z,-1.250000),EndOfAPI")],
             &[
                 (b"PositionerSGammaParametersSet(XYZ.Z,1.500000,0.000000,0,0)", b"0,,EndOfAPI"),
+                (b"GroupPositionSetpointGet(XYZ.Z,double *)", b"0,0,EndOfAPI"),
                 (b"GroupStatusGet(XYZ,int *)", b"0,44,EndOfAPI"),
                 (b"GroupPositionCurrentGet(XYZ.Z,double *)", b"0,-0.4,EndOfAPI"),
             ],
@@ -198,6 +201,7 @@ async fn unrequested_abort_is_attributed_to_an_armed_guard() {
                 (b"EventExtendedConfigurationActionSet(XYZ.MoveAbort,0,0,0,0)", b"0,,EndOfAPI"),
                 (b"EventExtendedStart(int *)", b"0,3,EndOfAPI"),
                 (b"PositionerSGammaParametersSet(XYZ.Z,1.500000,0.000000,0,0)", b"0,,EndOfAPI"),
+                (b"GroupPositionSetpointGet(XYZ.Z,double *)", b"0,0,EndOfAPI"),
                 (b"GroupStatusGet(XYZ,int *)", b"0,44,EndOfAPI"),
             ],
             &[],

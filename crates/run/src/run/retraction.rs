@@ -19,8 +19,8 @@ const RISE_READINGS: usize = 5;
 const LAST_READING_DEADLINE: Duration = Duration::from_millis(250);
 
 /// Times after which a stage is asked again that answered with a complaint.
-const COMPLAINT_PAUSES: [Duration; 4] =
-    [Duration::ZERO, Duration::from_millis(500), Duration::from_secs(2), Duration::from_secs(5)];
+const COMPLAINT_PAUSES: [Duration; 5] =
+    [Duration::ZERO, Duration::from_millis(500), Duration::from_secs(2), Duration::from_secs(5), Duration::ZERO];
 
 /// Time between two read-backs of a stage that was stopped, and the longest wait until two of them agree.
 const REST_LOOK: Duration = Duration::from_millis(50);

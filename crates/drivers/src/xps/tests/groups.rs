@@ -42,6 +42,7 @@ async fn with_two_groups_z_homes_and_moves_away_before_the_other_homes() {
                 (b"GroupStatusGet(XY,int *)", b"0,42,EndOfAPI"),
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,0,EndOfAPI"),
                 (b"PositionerSGammaParametersSet(Z.Pos,2.000000,100.000000,0.005,0.05)", b"0,,EndOfAPI"),
+                (b"GroupPositionSetpointGet(Z.Pos,double *)", b"0,0,EndOfAPI"),
                 (b"GroupStatusGet(Z,int *)", b"0,44,EndOfAPI"),
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,12.5,EndOfAPI"),
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,12.5,EndOfAPI"),
@@ -92,6 +93,7 @@ async fn z_shows_its_direction_within_its_travel_before_another_group_moves() {
                 Z_POS[4],
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,11,EndOfAPI"),
                 (b"PositionerSGammaParametersSet(Z.Pos,2.000000,100.000000,0.005,0.05)", b"0,,EndOfAPI"),
+                (b"GroupPositionSetpointGet(Z.Pos,double *)", b"0,0,EndOfAPI"),
                 (b"GroupStatusGet(Z,int *)", b"0,44,EndOfAPI"),
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,12,EndOfAPI"),
                 (b"GroupStatusGet(Z,int *)", b"0,12,EndOfAPI"),
@@ -123,6 +125,7 @@ async fn no_axis_homes_while_z_is_not_away() {
                 (b"GroupStatusGet(XY,int *)", b"0,42,EndOfAPI"),
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,-1,EndOfAPI"),
                 (b"PositionerSGammaParametersSet(Z.Pos,2.000000,0.000000,0,0)", b"0,,EndOfAPI"),
+                (b"GroupPositionSetpointGet(Z.Pos,double *)", b"0,0,EndOfAPI"),
                 (b"GroupStatusGet(Z,int *)", b"0,44,EndOfAPI"),
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,3,EndOfAPI"),
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,3,EndOfAPI"),
@@ -146,9 +149,12 @@ async fn x_and_y_of_one_group_move_in_one_call_and_z_on_its_own() {
         [
             &[
                 (b"PositionerSGammaParametersSet(Z.Pos,5.000000,0.000000,0,0)", b"0,,EndOfAPI"),
+                (b"GroupPositionSetpointGet(Z.Pos,double *)", b"0,0,EndOfAPI"),
                 (b"GroupStatusGet(Z,int *)", b"0,44,EndOfAPI"),
                 (b"PositionerSGammaParametersSet(XY.X,10.000000,0.000000,0,0)", b"0,,EndOfAPI"),
                 (b"PositionerSGammaParametersSet(XY.Y,10.000000,0.000000,0,0)", b"0,,EndOfAPI"),
+                (b"GroupPositionSetpointGet(XY.X,double *)", b"0,0,EndOfAPI"),
+                (b"GroupPositionSetpointGet(XY.Y,double *)", b"0,0,EndOfAPI"),
                 (b"GroupStatusGet(XY,int *)", b"0,44,EndOfAPI"),
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,3,EndOfAPI"),
                 (b"GroupPositionCurrentGet(XY.X,double *)", b"0,1.5,EndOfAPI"),
@@ -179,6 +185,8 @@ async fn three_single_axes_begin_together_and_a_stop_reaches_all_at_once() {
             &[
                 (b"PositionerSGammaParametersSet(GX.Pos,10.000000,0.000000,0,0)", b"0,,EndOfAPI"),
                 (b"PositionerSGammaParametersSet(GY.Pos,10.000000,0.000000,0,0)", b"0,,EndOfAPI"),
+                (b"GroupPositionSetpointGet(GX.Pos,double *)", b"0,0,EndOfAPI"),
+                (b"GroupPositionSetpointGet(GY.Pos,double *)", b"0,0,EndOfAPI"),
                 (b"GroupStatusGet(GX,int *)", b"0,44,EndOfAPI"),
                 (b"GroupStatusGet(GY,int *)", b"0,44,EndOfAPI"),
                 (b"GroupPositionCurrentGet(GX.Pos,double *)", b"0,0.5,EndOfAPI"),
@@ -212,6 +220,8 @@ async fn if_one_group_refuses_its_motion_the_other_is_stopped() {
             &[
                 (b"PositionerSGammaParametersSet(GX.Pos,10.000000,0.000000,0,0)", b"0,,EndOfAPI"),
                 (b"PositionerSGammaParametersSet(GY.Pos,10.000000,0.000000,0,0)", b"0,,EndOfAPI"),
+                (b"GroupPositionSetpointGet(GX.Pos,double *)", b"0,0,EndOfAPI"),
+                (b"GroupPositionSetpointGet(GY.Pos,double *)", b"0,0,EndOfAPI"),
                 (b"GroupStatusGet(GX,int *)", b"0,44,EndOfAPI"),
                 (b"GroupStatusGet(GY,int *)", b"0,12,EndOfAPI"),
             ],
@@ -264,6 +274,7 @@ async fn each_group_has_a_guard_and_the_one_that_fired_is_named() {
                 (b"EventExtendedConfigurationActionSet(XY.MoveAbort,0,0,0,0)", b"0,,EndOfAPI"),
                 (b"EventExtendedStart(int *)", b"0,2,EndOfAPI"),
                 (b"PositionerSGammaParametersSet(Z.Pos,1.500000,0.000000,0,0)", b"0,,EndOfAPI"),
+                (b"GroupPositionSetpointGet(Z.Pos,double *)", b"0,0,EndOfAPI"),
                 (b"GroupStatusGet(Z,int *)", b"0,44,EndOfAPI"),
                 // the event that fired is gone: only the other is removed
                 (b"EventExtendedRemove(2)", b"0,,EndOfAPI"),

@@ -142,6 +142,11 @@ impl Drive {
         }
     }
 
+    /// Returns the commanded position, mm, as `DP?` writes it: without what the mechanics still lack.
+    pub(super) fn commanded(&self, scene: &Scene, now_s: f64) -> String {
+        decimal(self.count_mm(scene.motion(self.axis).position_mm(now_s)))
+    }
+
     /// Returns the target, mm, as `PA?` writes it.
     pub(super) fn target(&self) -> String {
         decimal(self.count_mm(self.target_mm))

@@ -15,7 +15,9 @@ impl Controller {
             let text = GroupStatus::text(call.whole()?);
             return tell(call, Type::Char, text);
         }
-        if !["GroupPositionCurrentGet", "GroupMoveAbsolute", "GroupMoveRelative"].contains(&name) {
+        if !["GroupPositionCurrentGet", "GroupPositionSetpointGet", "GroupMoveAbsolute", "GroupMoveRelative"]
+            .contains(&name)
+        {
             return self.run_whole_group(call, scene, now_s);
         }
         let (group, index) = match object(&self.groups, call.text()?)? {
@@ -36,7 +38,10 @@ impl Controller {
             }
             _ => {
                 call.results(Type::Double, each.len())?;
-                let count_mm = |positioner: &EmulatedPositioner| positioner.count_mm(scene, now_s);
+                let count_mm = |positioner: &EmulatedPositioner| match name {
+                    "GroupPositionSetpointGet" => positioner.setpoint_mm(scene, now_s),
+                    _ => positioner.count_mm(scene, now_s),
+                };
                 Ok(CallReply::Values(numbers(group.positioners[each].iter().map(count_mm))))
             }
         }
