@@ -63,7 +63,7 @@ pub struct Esp301 {
     stopped: bool,
     /// The axes that this driver has homed.
     homed: [bool; 3],
-    /// Where each axis was sent, mm: a relative motion begins there, not where the axis is read back. `None` after a stop.
+    /// Where the controller has each axis, mm: a relative motion begins there, not where the axis is read back. `None` in a motion.
     sent_mm: [Option<f64>; 3],
 }
 
@@ -105,9 +105,8 @@ impl Esp301 {
     ) -> Result<Option<Vec<f64>>, DeviceError> {
         let questions = |name: &'static str| axes.iter().map(move |&axis| format!("{}{name}", number(axis)));
         let travels = axes.iter().map(|&axis| self.reach(axis)).collect::<Vec<_>>();
-        // after a stop also where it was sent (manual, page DP)
-        let is_stopped = axes.iter().any(|axis| self.sent_mm[axis.index()].is_none()) && self.usage.is_some();
-        let (commanded, count) = if is_stopped { (axes.len(), 3) } else { (0, 2) };
+        // also where each was sent (manual, page DP): the controller rounds each displacement to counts, and the sum isn't known
+        let (commanded, count) = if self.usage.is_some() { (axes.len(), 3) } else { (0, 2) };
         let question = questions("MD?").chain(questions("TP")).chain(questions("DP?").take(commanded));
         let question = question.collect::<Vec<_>>().join(";") + ";TB?";
         let read = |answers: &[String]| {
@@ -378,14 +377,9 @@ impl Stage for Esp301 {
         let urgent = || orders.take().map(|order| line_of(order, &axes));
         let urgent = Urgent { asked: orders.pulled(), line: &urgent };
         let asked = Instant::now();
-        let sent_mm = self.sent_mm;
-        axes.iter().for_each(|axis| self.sent_mm[axis.index()] = None); // in doubt until it is answered
+        axes.iter().for_each(|axis| self.sent_mm[axis.index()] = None);
         let answers = self.line.ask_all(&line, 1, Some(&urgent)).await.map_err(|error| self.failed(doing, &error))?;
         self.quickest = self.quickest.min(asked.elapsed());
-        for (way, by_mm) in ways.iter().zip(by_mm) {
-            let sent_mm = &sent_mm[way.axis.index()].filter(|_| !orders.stopped());
-            self.sent_mm[way.axis.index()] = sent_mm.map(|sent_mm| sent_mm + by_mm);
-        }
         // a stop during resynchronisation was sent before the motion
         if orders.stopped() {
             self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
@@ -418,7 +412,6 @@ impl Stage for Esp301 {
                 text.map_err(|error| self.failed(doing, &error))?;
             }
             if orders.stopped() {
-                self.sent_mm = [None; 3];
                 break;
             }
             tokio::select! {
@@ -429,9 +422,6 @@ impl Stage for Esp301 {
         }
         loop {
             let was_stopped = orders.stopped();
-            if was_stopped {
-                self.sent_mm = [None; 3];
-            }
             if let Some(places_mm) = self.at_rest(doing, axes, orders).await?
                 && orders.stopped() == was_stopped
             {

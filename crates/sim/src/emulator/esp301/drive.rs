@@ -143,8 +143,8 @@ impl Drive {
     }
 
     /// Returns the commanded position, mm, as `DP?` writes it: without what the mechanics still lack.
-    pub(super) fn commanded(&self, scene: &Scene, now_s: f64) -> String {
-        decimal(self.count_mm(scene.motion(self.axis).position_mm(now_s)))
+    pub(super) fn setpoint(&self, scene: &Scene, now_s: f64) -> String {
+        decimal(self.count_mm(self.commanded(scene, now_s).0))
     }
 
     /// Returns the target, mm, as `PA?` writes it.

@@ -191,7 +191,7 @@ impl Esp301Emulator {
             b"TE" => tell(command, || self.errors.pop_code()),
             b"TB" => tell(command, || self.errors.pop_message(now_s)),
             b"TP" => self.tell_of_axes(command, |drive| drive.place(scene, now_s)),
-            b"DP" => self.tell_of_axes(command, |drive| drive.commanded(scene, now_s)),
+            b"DP" => self.tell_of_axes(command, |drive| drive.setpoint(scene, now_s)),
             b"MD" => self.tell_of_axes(command, |drive| u8::from(!drive.moving() && !self.never_done).to_string()),
             b"ST" => self.halt(command.axis_or_all()?, now_s, |drive| drive.stop(scene, now_s)),
             // all axes, even with the number that some clients put before it
