@@ -29,7 +29,7 @@ const STARTED: Duration = Duration::from_millis(500);
 const QUIET: Duration = Duration::from_millis(100);
 
 /// Time after which a line without an answer is sent again: as long as its command may take, and this. A run allows a silence of half a second.
-const AGAIN_AFTER: Duration = Duration::from_millis(250);
+const AGAIN_AFTER: Duration = Duration::from_millis(150);
 
 const LINE_MAX_BYTES: usize = 512;
 
@@ -140,15 +140,46 @@ impl MarlinPort {
         takes: Duration,
         orders: Option<&MotionOrders>,
     ) -> Result<(), DeviceError> {
+        self.get_ready(doing).await?;
+        self.number += 1;
+        self.send_until_taken(doing, command, takes, orders).await
+    }
+
+    /// Sends two commands that move nothing and take no time, both at once. If anything is wrong, both are sent again, one after the other.
+    pub(super) async fn both(&mut self, doing: &str, commands: [&str; 2]) -> Result<(), DeviceError> {
+        self.get_ready(doing).await?;
+        for command in commands {
+            self.number += 1;
+            self.send_numbered(doing, command).await?;
+        }
+        let until = Instant::now() + AGAIN_AFTER;
+        for _ in commands {
+            match self.answer(doing, until, until).await? {
+                Answer::Ok => {}
+                Answer::Restarted => return Err(self.lost(doing)),
+                Answer::Taken | Answer::Again | Answer::None => {
+                    self.in_doubt = true;
+                    for command in commands {
+                        self.command(doing, command).await?;
+                    }
+                    return Ok(());
+                }
+            }
+        }
+        self.taken = self.number;
+        Ok(())
+    }
+
+    async fn get_ready(&mut self, doing: &str) -> Result<(), DeviceError> {
         let restarts = self.restarts;
         self.wake(doing).await?;
         if self.restarts > restarts {
             return Err(self.lost(doing));
         }
-        self.get_in_step(doing).await?;
-        self.send_until_taken(doing, command, takes, orders).await
+        self.get_in_step(doing).await
     }
 
+    /// Sends the line with the last number.
     async fn send_until_taken(
         &mut self,
         doing: &str,
@@ -156,7 +187,6 @@ impl MarlinPort {
         takes: Duration,
         orders: Option<&MotionOrders>,
     ) -> Result<(), DeviceError> {
-        self.number += 1;
         let until = Instant::now() + takes + ANSWER_DEADLINE;
         for send in 0..SENDS_MAX {
             if send > 0 && orders.is_some_and(MotionOrders::stopped) {

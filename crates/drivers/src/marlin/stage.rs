@@ -174,11 +174,10 @@ impl Marlin {
         (speed_mm_s, is_leaving): (f64, bool),
         orders: &MotionOrders,
     ) -> Result<(), DeviceError> {
-        self.port.command(doing, "G21").await?;
         self.port.take_position();
-        self.port.command(doing, "G92 X0 Y0 Z0").await?;
+        self.port.both(doing, ["G21", "G92 X0 Y0 Z0"]).await?;
         let position = match self.port.take_position() {
-            Some(position) => position,
+            Some(position) => position, // `G92` reports the count at rest
             None => self.port.position(doing).await?,
         };
         // firmware without workspace offsets sets the count too
@@ -296,7 +295,10 @@ impl Stage for Marlin {
                 return Ok(());
             }
             if nth > 0 {
-                self.read_back(doing, Duration::ZERO).await?;
+                self.port.command(doing, "M400").await?; // `G92` counts at rest
+                let [x, y, z] = legs[nth - 1];
+                self.counted = [self.counted[0] + x, self.counted[1] + y, self.counted[2] + z];
+                (0..3).for_each(|axis| self.at[axis] += legs[nth - 1][axis]);
             }
             self.send_motion(doing, *leg, (speed_mm_s, is_leaving), orders).await?;
         }

@@ -114,19 +114,21 @@ async fn a_motion_is_a_displacement_and_is_read_back_by_its_steps() {
 /// `usage()` presses toward smaller z.
 #[tokio::test(start_paused = true)]
 async fn a_short_way_lifts_first_and_ends_toward_the_specimen() {
+    let back =
+        |before: &'static str, line: &'static str| [&zeroed(before)[..], &[(line, "ok\n"), ("M400", "ok\n")]].concat();
     let motion = |before: &'static str, line: &'static str, end: &'static str| {
         [&zeroed(before)[..], &[(line, "ok\n"), ("M400", "ok\n"), ("M114", end)]].concat()
     };
     let script = [
         // one step down: six up, seven down
-        motion("X:0 Y:0 Z:0", "G1 Z0.01500 F120.000", "X:0.00 Y:0.00 Z:0.02 E:0.00 Count X:0 Y:0 Z:6\nok\n"),
+        back("X:0 Y:0 Z:0", "G1 Z0.01500 F120.000"),
         motion("X:0 Y:0 Z:6", "G1 Z-0.01750 F120.000", "X:0.00 Y:0.00 Z:-0.02 E:0.00 Count X:0 Y:0 Z:-1\nok\n"),
         // two steps up: eight up, six down
-        motion("X:0 Y:0 Z:-1", "G1 Z0.02000 F120.000", "X:0.00 Y:0.00 Z:0.02 E:0.00 Count X:0 Y:0 Z:7\nok\n"),
+        back("X:0 Y:0 Z:-1", "G1 Z0.02000 F120.000"),
         motion("X:0 Y:0 Z:7", "G1 Z-0.01500 F120.000", "X:0.00 Y:0.00 Z:-0.02 E:0.00 Count X:0 Y:0 Z:1\nok\n"),
         // no step: no motion
         vec![("M400", "ok\n"), ("M114", "X:0.00 Y:0.00 Z:-0.02 E:0.00 Count X:0 Y:0 Z:1\nok\n")],
-        motion("X:0 Y:0 Z:1", "G1 X-0.07500 F120.000", "X:-0.08 Y:0.00 Z:0.00 E:0.00 Count X:-6 Y:0 Z:1\nok\n"),
+        back("X:0 Y:0 Z:1", "G1 X-0.07500 F120.000"),
         motion("X:-6 Y:0 Z:1", "G1 X0.10000 F120.000", "X:0.10 Y:0.00 Z:0.00 E:0.00 Count X:2 Y:0 Z:1\nok\n"),
     ];
     let (mut stage, device) = ready(&script.concat()).await;
@@ -227,14 +229,14 @@ async fn after_a_restart_nothing_moves_but_away() {
         "",
     ] {
         let answer: &'static str = Box::leak(format!("{announced}{REFUSED}").into_boxed_str());
-        let again = FIRST + 1;
+        let again = FIRST + 2;
         let away = [
             ("G1 Z1.00000 F120.000", "ok\n"),
             ("M400", "ok\n"),
             ("M114", "X:0.00 Y:0.00 Z:1.00 E:0.00 Count X:0 Y:0 Z:400\nok\n"),
         ];
         let script = [
-            numbered(FIRST, &[("G21", answer)]),
+            numbered(FIRST, &[("G21", answer), ("G92 X0 Y0 Z0", REFUSED)]),
             numbering(again),
             numbered(again + 1, &[&[("M118 palpate2", "palpate2\nok\n")], &zeroed("X:0 Y:0 Z:0")[..], &away].concat()),
         ];
