@@ -3,7 +3,7 @@
 use super::Halt;
 use super::rig_control::{RigControl, WatchedLoadCell};
 use palpate_control::{MotionProfile, SafetyRule, Trip, check_sound};
-use palpate_core::quantity::{Axis, seconds};
+use palpate_core::quantity::{Axis, Steps, seconds};
 use palpate_link::device::{AxisWay, DeviceProblem, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, timeout};
 use std::time::Duration;
@@ -25,8 +25,6 @@ const COMPLAINT_PAUSES: [Duration; 5] =
 /// Time between two read-backs of a stage that was stopped, and the longest wait until two of them agree.
 const REST_LOOK: Duration = Duration::from_millis(50);
 const REST_DEADLINE: Duration = Duration::from_secs(2);
-/// Largest difference between them of a stage at rest, mm, on any axis.
-const REST_MM: f64 = 0.003;
 
 /// First piece of the way out of a contact, mm, and how much longer each next one is: the first adds little if it goes the wrong way.
 const FIRST_PIECE_MM: f64 = 0.05;
@@ -104,7 +102,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         for pause in COMPLAINT_PAUSES {
             let seen = async {
                 self.stage.stop().await?;
-                rests(&mut self.stage).await
+                rests(&mut self.stage, &self.usage.steps).await
             };
             match seen.await {
                 Err(Halt::Device(error)) if !matches!(error.problem, DeviceProblem::Link(_)) => sleep(pause).await,
@@ -112,7 +110,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             }
         }
         self.stage.stop().await?;
-        rests(&mut self.stage).await
+        rests(&mut self.stage, &self.usage.steps).await
     }
 
     /// Returns the force that is left on the specimen. After this halt, the load cell may be in doubt.
@@ -173,7 +171,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             if !matches!(&halt, Halt::Tripped(trip) if trip.rule == SafetyRule::ForceRose) {
                 return Err(halt);
             }
-            rests(&mut self.stage).await?;
+            rests(&mut self.stage, &self.usage.steps).await?;
             self.read_back_z().await?;
             let is_away = from_mm - self.z_mm > self.usage.steps.in_position_mm(Axis::Z);
             let now = self.felt().await;
@@ -242,18 +240,20 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
 }
 
 /// Reads the positions of all axes back until they rest.
-async fn rests<S: Stage>(stage: &mut S) -> Result<(), Halt> {
+async fn rests<S: Stage>(stage: &mut S, steps: &Steps) -> Result<(), Halt> {
     let until = Instant::now() + REST_DEADLINE;
     let mut before = positions(stage).await?;
     loop {
         sleep(REST_LOOK).await;
         let now = positions(stage).await?;
-        let moved_mm = before.iter().zip(now).map(|(before, now)| (now - before).abs()).fold(0.0, f64::max);
-        if moved_mm <= REST_MM {
+        // two read-backs of a stage at rest differ by no more than a motion from its target
+        let moved =
+            Axis::ALL.map(|axis| ((now[axis.index()] - before[axis.index()]).abs(), steps.in_position_mm(axis)));
+        let Some((moved_mm, most_mm)) = moved.into_iter().find(|(moved_mm, most_mm)| moved_mm > most_mm) else {
             return Ok(());
-        }
+        };
         if Instant::now() > until {
-            return Err(Trip::new(SafetyRule::NotStopped, moved_mm, REST_MM, "mm").into());
+            return Err(Trip::new(SafetyRule::NotStopped, moved_mm, most_mm, "mm").into());
         }
         before = now;
     }
