@@ -264,6 +264,7 @@ impl Klipper {
             let known = self.usage.as_ref().filter(|_| !self.is_lost);
             if let Some(usage) = known.filter(|usage| !usage.reach(axis).contains(at_mm)) {
                 let reach = usage.reach(axis);
+                self.is_lost = true;
                 let text = format!("{name} is at {at_mm:.4} mm, outside {} to {} mm", reach.min, reach.max);
                 return Err(self.motion(doing, text));
             }
@@ -342,7 +343,7 @@ impl Klipper {
         let (setup, words) = (&self.setup, words.collect::<String>());
         // a printer that doesn't know its place refuses motions: it counts from the middle of its travel, and moves from where it is
         let [x, y, z] = self.zero_mm;
-        let known = match report.is_known {
+        let known = match report.is_known && !self.is_lost {
             true => String::new(),
             false => format!("SET_KINEMATIC_POSITION X={x:.6} Y={y:.6} Z={z:.6}\n"),
         };

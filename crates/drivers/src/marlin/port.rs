@@ -145,28 +145,49 @@ impl MarlinPort {
         self.send_until_taken(doing, command, takes, orders).await
     }
 
-    /// Sends two commands that move nothing and take no time, both at once. If anything is wrong, both are sent again, one after the other.
-    pub(super) async fn both(&mut self, doing: &str, commands: [&str; 2]) -> Result<(), DeviceError> {
+    /// Sends commands all at once, which together are short enough for the printer's buffer; the first takes so long. The printer takes none
+    /// after one that it refuses. If anything is wrong, each is sent again with its number, unless a stop was ordered.
+    pub(super) async fn commands<const N: usize>(
+        &mut self,
+        doing: &str,
+        commands: [&str; N],
+        takes: Duration,
+        orders: Option<&MotionOrders>,
+    ) -> Result<(), DeviceError> {
         self.get_ready(doing).await?;
+        let numbers = self.number + 1..;
         for command in commands {
             self.number += 1;
             self.send_numbered(doing, command).await?;
         }
-        let until = Instant::now() + AGAIN_AFTER;
-        for _ in commands {
-            match self.answer(doing, until, until).await? {
+        let (last, until) = (self.number, Instant::now() + takes + ANSWER_DEADLINE);
+        for (number, command) in numbers.zip(commands) {
+            let answer = match self.in_doubt {
+                true => Answer::Again,
+                false => self.answer(doing, Instant::now() + takes + AGAIN_AFTER, until).await?,
+            };
+            match answer {
+                Answer::Ok if number == last => self.taken = last,
                 Answer::Ok => {}
                 Answer::Restarted => return Err(self.lost(doing)),
-                Answer::Taken | Answer::Again | Answer::None => {
+                Answer::None if Instant::now() >= until => {
                     self.in_doubt = true;
-                    for command in commands {
-                        self.command(doing, command).await?;
+                    let waited = silent(command, takes + ANSWER_DEADLINE).to_string();
+                    return Err(self.error(doing, DeviceProblem::Link(waited)));
+                }
+                Answer::Taken | Answer::Again | Answer::None => {
+                    if orders.is_some_and(MotionOrders::stopped) {
+                        self.in_doubt = true;
+                        return Ok(()); // what the read-back shows counts
                     }
-                    return Ok(());
+                    self.drain(doing).await?;
+                    self.number = number;
+                    self.send_until_taken(doing, command, takes, orders).await?;
+                    self.in_doubt = true; // later answers may be those of the first attempt
                 }
             }
         }
-        self.taken = self.number;
+        self.number = last;
         Ok(())
     }
 

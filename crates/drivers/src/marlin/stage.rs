@@ -12,6 +12,11 @@ use std::time::Duration;
 /// Least number of steps of a motion. Marlin doesn't make a shorter one, but reports it as made (planner, `MIN_STEPS_PER_SEGMENT`).
 pub const LEAST_STEPS: u32 = 6;
 
+/// Sets millimetres (Marlin documents, G21).
+const MILLIMETRES: &str = "G21";
+/// Calls the present place zero (Marlin documents, G92), and reports the count.
+const ZERO_HERE: &str = "G92 X0 Y0 Z0";
+
 /// Longest piece of a nudge, mm. It can't be stopped.
 const NUDGE_PIECE_MM: f64 = 0.05;
 
@@ -102,8 +107,12 @@ impl Marlin {
     /// Waits for the end of the queue, and reads the counted steps back. Marlin reports a motion as made that it didn't make: a count that
     /// isn't at the reported end is an error.
     async fn read_back(&mut self, doing: &str, expected: Duration) -> Result<[f64; 3], DeviceError> {
-        self.port.command_of(doing, "M400", expected, None).await?;
-        let position = self.port.position(doing).await?;
+        self.port.take_position();
+        self.port.commands(doing, ["M400", "M114"], expected, None).await?;
+        let position = match self.port.take_position() {
+            Some(position) => position,
+            None => self.port.position(doing).await?, // damaged
+        };
         self.take_count(position.steps);
         // once: a later motion away from the specimen must be possible
         let complaints = std::mem::take(&mut self.port.complaints);
@@ -166,28 +175,15 @@ impl Marlin {
     }
 
     /// Sends a motion of whole steps from rest. The printer first calls its place 0 and counts in mm, so the motion is the same whatever it
-    /// or somebody else did before: a restart, another zero, relative or absolute coordinates (Marlin documents, G21, G91, G92).
+    /// or somebody else did before: a restart, another zero, relative or absolute coordinates (Marlin documents, G21, G91, G92). `first` is
+    /// sent before the zero. A motion away from the specimen is sent with both, any other one after the count was compared.
     async fn send_motion(
         &mut self,
         doing: &str,
-        way: [i64; 3],
-        (speed_mm_s, is_leaving): (f64, bool),
+        (first, way): (&str, [i64; 3]),
+        (speed_mm_s, is_away): (f64, bool),
         orders: &MotionOrders,
     ) -> Result<(), DeviceError> {
-        self.port.take_position();
-        self.port.both(doing, ["G21", "G92 X0 Y0 Z0"]).await?;
-        let position = match self.port.take_position() {
-            Some(position) => position, // `G92` reports the count at rest
-            None => self.port.position(doing).await?,
-        };
-        // firmware without workspace offsets sets the count too
-        let counts_anew = position.steps == [0; 3] || self.restarts != self.port.restarts;
-        let moved = Axis::ALL.into_iter().find(|axis| position.steps[axis.index()] != self.counted[axis.index()]);
-        (self.counted, self.zero, self.restarts) = (position.steps, position.steps, self.port.restarts);
-        if let Some(axis) = moved.filter(|_| !counts_anew && !is_leaving) {
-            let text = format!("its count of {} changed while it rested: something else moved it", axis.name());
-            return Err(self.port.error(doing, DeviceProblem::Motion(text)));
-        }
         let way_mm: [f64; 3] = std::array::from_fn(|axis| way[axis] as f64 / self.steps_per_mm[axis]);
         let longest_mm = way_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
         let whole_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
@@ -196,7 +192,35 @@ impl Marlin {
         // the feed is along the path; no axis is faster than the speed
         let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
         let line = format!("G1 {}F{feed_mm_min:.3}", words.collect::<String>());
+        self.port.take_position();
+        if is_away {
+            self.port.commands(doing, [first, ZERO_HERE, &line], Duration::ZERO, Some(orders)).await?;
+            return self.take_zero(doing, true).await;
+        }
+        self.port.commands(doing, [first, ZERO_HERE], Duration::ZERO, None).await?;
+        self.take_zero(doing, false).await?;
         self.port.command_of(doing, &line, Duration::ZERO, Some(orders)).await
+    }
+
+    /// Takes the count that `G92` reported at rest. A way out of a contact is open from anywhere.
+    async fn take_zero(&mut self, doing: &str, is_away: bool) -> Result<(), DeviceError> {
+        let position = match self.port.take_position() {
+            Some(position) => position,
+            // the count can't be asked for any more, and counts from the last one
+            None if is_away => return Ok(self.zero = self.counted),
+            None => self.port.position(doing).await?,
+        };
+        // firmware without workspace offsets sets the count too
+        let counts_anew = position.steps == [0; 3] || self.restarts != self.port.restarts;
+        let moved = Axis::ALL.into_iter().find(|axis| position.steps[axis.index()] != self.counted[axis.index()]);
+        (self.counted, self.zero, self.restarts) = (position.steps, position.steps, self.port.restarts);
+        match moved.filter(|_| !counts_anew && !is_away) {
+            None => Ok(()),
+            Some(axis) => {
+                let text = format!("its count of {} changed while it rested: something else moved it", axis.name());
+                Err(self.port.error(doing, DeviceProblem::Motion(text)))
+            }
+        }
     }
 }
 
@@ -240,7 +264,7 @@ impl Stage for Marlin {
             let steps = ((piece_mm * self.steps_per_mm[z]).round() as i64).max(i64::from(LEAST_STEPS));
             let (mut way, from) = ([0; 3], self.at[z]);
             way[z] = if usage.away > 0.0 { steps } else { -steps };
-            self.send_motion(doing, way, (usage.home_speed_mm_s, true), orders).await?;
+            self.send_motion(doing, (MILLIMETRES, way), (usage.home_speed_mm_s, true), orders).await?;
             self.read_back(doing, seconds(piece_mm / usage.home_speed_mm_s)).await?;
             if self.at[z] != from + way[z] && !orders.stopped() {
                 let text = "z didn't move; does its firmware require a search for home first?".to_owned();
@@ -294,13 +318,14 @@ impl Stage for Marlin {
             if orders.stopped() {
                 return Ok(());
             }
-            if nth > 0 {
-                self.port.command(doing, "M400").await?; // `G92` counts at rest
-                let [x, y, z] = legs[nth - 1];
-                self.counted = [self.counted[0] + x, self.counted[1] + y, self.counted[2] + z];
-                (0..3).for_each(|axis| self.at[axis] += legs[nth - 1][axis]);
+            // the second leg of a short way waits for the end of the first: its zero counts at rest
+            let first = if nth == 0 { MILLIMETRES } else { "M400" };
+            if let Some(before) = nth.checked_sub(1).map(|before| legs[before]) {
+                (0..3).for_each(|axis| self.counted[axis] += before[axis]);
+                (0..3).for_each(|axis| self.at[axis] += before[axis]);
             }
-            self.send_motion(doing, *leg, (speed_mm_s, is_leaving), orders).await?;
+            let is_away = leg[0] == 0 && leg[1] == 0 && leg[2] as f64 * usage.away > 0.0;
+            self.send_motion(doing, (first, *leg), (speed_mm_s, is_away), orders).await?;
         }
         Ok(())
     }

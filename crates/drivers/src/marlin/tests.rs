@@ -116,8 +116,9 @@ async fn a_motion_is_a_displacement_and_is_read_back_by_its_steps() {
 async fn a_short_way_lifts_first_and_ends_toward_the_specimen() {
     let back =
         |before: &'static str, line: &'static str| [&zeroed(before)[..], &[(line, "ok\n"), ("M400", "ok\n")]].concat();
+    // the wait for the end of the first leg is sent with the zero of the second
     let motion = |before: &'static str, line: &'static str, end: &'static str| {
-        [&zeroed(before)[..], &[(line, "ok\n"), ("M400", "ok\n"), ("M114", end)]].concat()
+        [&zeroed(before)[1..], &[(line, "ok\n"), ("M400", "ok\n"), ("M114", end)]].concat()
     };
     let script = [
         // one step down: six up, seven down
@@ -267,13 +268,9 @@ async fn a_restart_that_was_announced_at_rest_is_read_before_a_motion() {
 
 #[tokio::test(start_paused = true)]
 async fn an_answer_too_many_and_a_damaged_position_are_put_right() {
-    let (again, marked) = (FIRST + 2, FIRST + 3);
-    let script = [
-        numbered(FIRST, &[("M400", "ok\nok\n")]),
-        numbered(FIRST + 1, &[("M118 palpate2", "palpate2\nok\n")]),
-        numbered(again, &[("M114", "X:0.00 Y:0.00 Z:0.x0 E:0.00 Count X:0 Y:0 Z:0\nok\n")]),
-        numbered(marked, &[("M118 palpate3", "palpate3\nok\n"), ("M114", AT_ZERO)]),
-    ];
+    let damaged = "X:0.00 Y:0.00 Z:0.x0 E:0.00 Count X:0 Y:0 Z:0\nok\n";
+    let marked = ("M118 palpate2", "palpate2\nok\n");
+    let script = [numbered(FIRST, &[("M400", "ok\nok\n"), ("M114", damaged), marked, ("M114", AT_ZERO)])];
     let (mut stage, device) = ready_for(&script.concat()).await;
     assert_eq!(stage.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap(), 0.0);
     drop(stage);

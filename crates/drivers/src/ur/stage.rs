@@ -1,6 +1,6 @@
 //! The stage: identified without a motion, moved by one program for each motion, watched on its way.
 
-use super::frame::{TaughtFrame, length, longest, minus, plus, scaled, sideways_mm};
+use super::frame::{TaughtFrame, length, longest, minus, plus, sideways_mm};
 use super::rtde::{RobotState, Rtde};
 use super::script;
 use crate::MOTION_MARGIN;
@@ -27,9 +27,6 @@ const TILT_RAD: f64 = 0.01;
 
 /// Deceleration of a stop before the rig's own is known, mm/s^2.
 const STOP_MM_S2: f64 = 500.0;
-
-/// Number of states whose mean is a position at rest: 50 ms of an e-Series.
-const MEAN_STATES: usize = 25;
 
 /// Number of states in which a program that began is neither running nor at its end.
 const IDLE_STATES_MAX: usize = 5;
@@ -104,9 +101,8 @@ struct ArmMotion {
 impl Ur {
     /// Creates an arm behind its links; nothing is sent yet. `link` is its name in messages.
     pub fn new(links: RobotLinks, settings: RobotSettings, link: String) -> Self {
-        let interval = if settings.model.ends_with('e') { Rtde::INTERVAL_E } else { Rtde::INTERVAL };
         Ur {
-            robot: Rtde::new(links.rtde, interval),
+            robot: Rtde::new(links.rtde),
             programs: LineLink::new(links.programs, "\n", LINE_BYTES_MAX),
             dashboard: LineLink::new(links.dashboard, "\n", LINE_BYTES_MAX),
             settings,
@@ -339,22 +335,12 @@ impl Ur {
             has_ended && state.runtime == STOPPED && length(state.speed_mm_s) < REST_MM_S
         };
         let state = self.until(doing, expected + MOTION_MARGIN, orders, is_done, &late).await?;
-        let at_mm = self.mean_mm(doing, &state).await?;
+        let at_mm = self.settings.frame.to_stage(state.at_mm);
         if self.motion.is_some_and(|motion| motion.is_stopped) {
             self.at_mm = at_mm;
         }
         (self.motion, self.is_awaited) = (None, false);
         Ok(at_mm)
-    }
-
-    /// Returns the mean position of an arm at rest, from a state on, mm. One position has noise of 10 to 20 um.
-    async fn mean_mm(&mut self, doing: &str, first: &RobotState) -> Result<[f64; 3], DeviceError> {
-        let mut sum_mm = [0.0; 3];
-        for _ in 1..MEAN_STATES {
-            let next = self.robot.next().await;
-            sum_mm = plus(sum_mm, minus(next.map_err(|error| self.failed(doing, &error))?.at_mm, first.at_mm));
-        }
-        Ok(self.settings.frame.to_stage(plus(first.at_mm, scaled(sum_mm, 1.0 / MEAN_STATES as f64))))
     }
 
     /// After an error the arm is stopped where it is, and the stream of states rests.
@@ -501,12 +487,8 @@ impl Stage for Ur {
     }
 
     async fn position_mm(&mut self, axis: Axis, _: &MotionOrders) -> Result<f64, DeviceError> {
-        let doing = "reading a position";
-        let started = self.robot.start().await;
-        let state = started.map_err(|error| self.failed(doing, &error))?;
-        let mean_mm = self.mean_mm(doing, &state).await;
-        self.robot.pause().await;
-        Ok(mean_mm?[axis.index()])
+        let state = self.state("reading a position").await?;
+        Ok(self.settings.frame.to_stage(state.at_mm)[axis.index()])
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {

@@ -140,7 +140,7 @@ async fn rtde(arm: Arm, mut far: DuplexStream) {
                         b"\x00\x04V\x01"
                     }
                     b'O' => {
-                        assert_eq!(rest[..8], 500f64.to_be_bytes());
+                        assert_eq!(rest[..8], 125f64.to_be_bytes());
                         assert!(rest[8..].starts_with(b"actual_TCP_pose,actual_TCP_speed,actual_TCP_force,"));
                         b"\x00\x51O\x07VECTOR6D,VECTOR6D,VECTOR6D,DOUBLE,DOUBLE,INT32,INT32,UINT32,INT32,INT32,INT32"
                     }

@@ -192,8 +192,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Moves z away from the specimen in pieces, as long as the load cell shows a contact and the force falls. Returns whether a contact
     /// ended. The pieces depend on no place, because a stage that restarted has lost its own.
     async fn free_the_tip(&mut self) -> Result<bool, Halt> {
-        let touch_n = LEFT_LEAST_N.max(self.cell.watch.rise_most_n());
-        let Some(mut before_n) = self.cell.at_rest_n().await.filter(|force_n| *force_n > touch_n) else {
+        let Some(mut before_n) = self.cell.at_rest_n().await.filter(|force_n| *force_n > LEFT_LEAST_N) else {
             return Ok(false);
         };
         let mut piece_mm = FIRST_PIECE_MM;
@@ -201,7 +200,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             self.read_back_z().await?;
             self.retract_against_rises(self.z_mm - piece_mm).await?;
             let Some(now_n) = self.cell.at_rest_n().await else { return Ok(false) };
-            if now_n < touch_n {
+            if now_n < LEFT_LEAST_N {
                 return Ok(true);
             }
             if now_n > (1.0 - PIECE_SHARE) * before_n {

@@ -25,9 +25,7 @@ pub struct UrArm {
     /// Standard deviation of each coordinate of the reported pose, mm, and of each rotation, rad: white from one control cycle to the
     /// next. The planned pose has none.
     ///
-    /// The defaults are those of an arm of the e-Series at rest, recorded in 2281 cycles (`robot_data.csv` of
-    /// FrederikeDurow/Bachelor_Lego): 12.8, 10.9 and 12.3 um, and 38, 23 and 43 urad. Means of 25 cycles have 2.9 um there, where white
-    /// noise has 2.5.
+    /// None by default: [`UrArm::POSE_NOISE`] has that of an arm at rest.
     pub pose_noise: (f64, f64),
     /// Error of each component of the reported force, N: a constant offset, a drift over minutes, and noise of a fiftieth.
     pub force_error_n: f64,
@@ -35,6 +33,12 @@ pub struct UrArm {
     pub faults: Vec<UrFault>,
     /// Faults after some bytes at the port of programs.
     pub faults_after_bytes: Vec<UrFaultAfterBytes>,
+}
+
+impl UrArm {
+    /// Noise of the pose of an arm of the e-Series at rest, mm and rad, from a public recording of 2281 cycles: 12.8, 10.9 and 12.3 um, and
+    /// 38, 23 and 43 urad. Means of 25 cycles have 2.9 um there, where white noise has 2.5.
+    pub const POSE_NOISE: (f64, f64) = (0.013, 4e-5);
 }
 
 impl Default for UrArm {
@@ -48,7 +52,7 @@ impl Default for UrArm {
             step_mm: 0.001,
             model: String::from("UR5e"),
             serial: String::from("20195500001"),
-            pose_noise: (0.013, 4e-5),
+            pose_noise: (0.0, 0.0),
             force_error_n: 4.0,
             faults: Vec::new(),
             faults_after_bytes: Vec::new(),
