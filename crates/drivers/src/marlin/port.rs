@@ -26,7 +26,7 @@ const BOOT_MAX: Duration = Duration::from_secs(20);
 
 /// Silence after which a board that starts has nothing more to send, and after which a line has no late answer.
 const STARTED: Duration = Duration::from_millis(500);
-const QUIET: Duration = Duration::from_millis(100);
+const QUIET: Duration = Duration::from_millis(50);
 
 /// Time after which a line without an answer is sent again: as long as its command may take, and this. A run allows a silence of half a second.
 const AGAIN_AFTER: Duration = Duration::from_millis(150);

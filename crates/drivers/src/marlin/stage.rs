@@ -12,8 +12,6 @@ use std::time::Duration;
 /// Least number of steps of a motion. Marlin doesn't make a shorter one, but reports it as made (planner, `MIN_STEPS_PER_SEGMENT`).
 pub const LEAST_STEPS: u32 = 6;
 
-/// Sets millimetres (Marlin documents, G21).
-const MILLIMETRES: &str = "G21";
 /// Calls the present place zero (Marlin documents, G92), and reports the count.
 const ZERO_HERE: &str = "G92 X0 Y0 Z0";
 
@@ -40,6 +38,8 @@ pub struct Marlin {
     zero: [i64; 3],
     /// Number of the printer's restarts until then.
     restarts: u64,
+    /// Whether somebody else may set inches.
+    knows_inches: bool,
     /// What the axes counted when the printer was identified, mm.
     first_mm: [f64; 3],
 }
@@ -57,6 +57,7 @@ impl Marlin {
             counted: [0; 3],
             zero: [0; 3],
             restarts: 0,
+            knows_inches: true,
             first_mm: [0.0; 3],
         }
     }
@@ -153,8 +154,9 @@ impl Marlin {
         self.counted = steps;
     }
 
-    /// Returns the displacements that bring the axes along a way, in steps. A shorter one than [`LEAST_STEPS`] first goes back, so that it
-    /// ends in the same direction; along z first away from the specimen, so that it ends toward it.
+    /// Returns the ends of the lines that bring the axes along a way, in steps from its start. A shorter way than [`LEAST_STEPS`] first goes
+    /// back, so that it ends in the same direction; along z first away from the specimen, so that it ends toward it. Whatever somebody else
+    /// sets between the two, z then ends no deeper.
     fn legs(way: [i64; 3], away: f64) -> Vec<[i64; 3]> {
         let least = i64::from(LEAST_STEPS);
         match way.iter().map(|steps| steps.abs()).max().unwrap_or(0) {
@@ -169,37 +171,57 @@ impl Marlin {
                 } else {
                     (0..z).for_each(|axis| back[axis] = -way[axis].signum() * least);
                 }
-                vec![back, std::array::from_fn(|axis| way[axis] - back[axis])]
+                vec![back, way]
             }
         }
     }
 
     /// Sends a motion of whole steps from rest. The printer first calls its place 0 and counts in mm, so the motion is the same whatever it
-    /// or somebody else did before: a restart, another zero, relative or absolute coordinates (Marlin documents, G21, G91, G92). `first` is
-    /// sent before the zero. A motion away from the specimen is sent with both, any other one after the count was compared.
+    /// or somebody else did before: a restart, another zero, relative or absolute coordinates (Marlin documents, G21, G91, G92). A motion
+    /// away from the specimen is sent with that, any other one after the count was compared.
     async fn send_motion(
         &mut self,
         doing: &str,
-        (first, way): (&str, [i64; 3]),
+        legs: &[[i64; 3]],
         (speed_mm_s, is_away): (f64, bool),
         orders: &MotionOrders,
     ) -> Result<(), DeviceError> {
-        let way_mm: [f64; 3] = std::array::from_fn(|axis| way[axis] as f64 / self.steps_per_mm[axis]);
-        let longest_mm = way_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
-        let whole_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
-        let words = Axis::ALL.into_iter().filter(|axis| way[axis.index()] != 0);
-        let words = words.map(|axis| format!("{}{:.5} ", axis.name().to_uppercase(), way_mm[axis.index()]));
-        // the feed is along the path; no axis is faster than the speed
-        let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
-        let line = format!("G1 {}F{feed_mm_min:.3}", words.collect::<String>());
+        let mut from = [0; 3];
+        let lines = legs.iter().map(|end| self.line(std::mem::replace(&mut from, *end), *end, speed_mm_s));
+        let lines: Vec<String> = lines.collect();
+        if self.knows_inches {
+            self.port.command(doing, "G21").await?;
+        }
         self.port.take_position();
-        if is_away {
-            self.port.commands(doing, [first, ZERO_HERE, &line], Duration::ZERO, Some(orders)).await?;
+        if let [line] = &lines[..]
+            && is_away
+        {
+            self.port.commands(doing, [ZERO_HERE, line], Duration::ZERO, Some(orders)).await?;
             return self.take_zero(doing, true).await;
         }
-        self.port.commands(doing, [first, ZERO_HERE], Duration::ZERO, None).await?;
-        self.take_zero(doing, false).await?;
-        self.port.command_of(doing, &line, Duration::ZERO, Some(orders)).await
+        self.port.command(doing, ZERO_HERE).await?;
+        self.take_zero(doing, is_away).await?;
+        for line in lines {
+            if orders.stopped() {
+                break;
+            }
+            self.port.command_of(doing, &line, Duration::ZERO, Some(orders)).await?;
+        }
+        Ok(())
+    }
+
+    /// Returns the line of a motion between two places, in steps from where it is 0.
+    fn line(&self, from: [i64; 3], end: [i64; 3], speed_mm_s: f64) -> String {
+        let mm = |axis: usize, steps: i64| steps as f64 / self.steps_per_mm[axis];
+        let way_mm: [f64; 3] = std::array::from_fn(|axis| mm(axis, end[axis] - from[axis]));
+        let longest_mm = way_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
+        let whole_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
+        let words = Axis::ALL.into_iter().filter(|axis| way_mm[axis.index()] != 0.0);
+        let words =
+            words.map(|axis| format!("{}{:.5} ", axis.name().to_uppercase(), mm(axis.index(), end[axis.index()])));
+        // the feed is along the path; no axis is faster than the speed
+        let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
+        format!("G1 {}F{feed_mm_min:.3}", words.collect::<String>())
     }
 
     /// Takes the count that `G92` reported at rest. A way out of a contact is open from anywhere.
@@ -244,7 +266,14 @@ impl Stage for Marlin {
         }
         self.read_settings(usage).await?;
         // motors on, no idle time, no bed levelling (z would follow x and y), no reports of temperatures, the whole feed, absolute mm
-        for command in ["M17", "M84 S0", "M420 S0", "M155 S0", "M220 S100", "G21", "G90"] {
+        for command in ["M17", "M84 S0", "M420 S0", "M155 S0", "M220 S100"] {
+            self.port.command(doing, command).await?;
+        }
+        // a stock build doesn't know inches, and G21 has no effect then
+        self.port.texts.clear();
+        self.port.command(doing, "G20").await?;
+        self.knows_inches = !self.port.texts.iter().any(|text| text.contains("Unknown command"));
+        for command in ["G21", "G90"] {
             self.port.command(doing, command).await?;
         }
         (self.at, self.counted, self.zero, self.restarts) = ([0; 3], [0; 3], [0; 3], self.port.restarts);
@@ -264,7 +293,7 @@ impl Stage for Marlin {
             let steps = ((piece_mm * self.steps_per_mm[z]).round() as i64).max(i64::from(LEAST_STEPS));
             let (mut way, from) = ([0; 3], self.at[z]);
             way[z] = if usage.away > 0.0 { steps } else { -steps };
-            self.send_motion(doing, (MILLIMETRES, way), (usage.home_speed_mm_s, true), orders).await?;
+            self.send_motion(doing, &[way], (usage.home_speed_mm_s, true), orders).await?;
             self.read_back(doing, seconds(piece_mm / usage.home_speed_mm_s)).await?;
             if self.at[z] != from + way[z] && !orders.stopped() {
                 let text = "z didn't move; does its firmware require a search for home first?".to_owned();
@@ -314,20 +343,10 @@ impl Stage for Marlin {
             };
         }
         let legs = Marlin::legs(by, usage.away);
-        for (nth, leg) in legs.iter().enumerate() {
-            if orders.stopped() {
-                return Ok(());
-            }
-            // the second leg of a short way waits for the end of the first: its zero counts at rest
-            let first = if nth == 0 { MILLIMETRES } else { "M400" };
-            if let Some(before) = nth.checked_sub(1).map(|before| legs[before]) {
-                (0..3).for_each(|axis| self.counted[axis] += before[axis]);
-                (0..3).for_each(|axis| self.at[axis] += before[axis]);
-            }
-            let is_away = leg[0] == 0 && leg[1] == 0 && leg[2] as f64 * usage.away > 0.0;
-            self.send_motion(doing, (first, *leg), (speed_mm_s, is_away), orders).await?;
+        if legs.is_empty() || orders.stopped() {
+            return Ok(());
         }
-        Ok(())
+        self.send_motion(doing, &legs, (speed_mm_s, is_leaving), orders).await
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, _: &MotionOrders) -> Result<Vec<f64>, DeviceError> {

@@ -469,7 +469,12 @@ impl Stage for Ur {
         }
         usage.check(ways).map_err(|problem| self.error(doing, problem))?;
         let mut by_mm = [0.0; 3];
-        ways.iter().for_each(|way| by_mm[way.axis.index()] = way.by_mm);
+        let is_leaving = usage.is_leaving(ways);
+        for way in ways {
+            // where it was sent is known better than where it was read back
+            let sent_mm = self.at_mm[way.axis.index()];
+            by_mm[way.axis.index()] = if is_leaving { way.by_mm } else { way.to_mm() - sent_mm };
+        }
         let begun = self.move_by(doing, by_mm, (speed_mm_s, &usage), orders).await;
         self.settle(begun).await
     }
