@@ -161,7 +161,9 @@ impl MarlinPort {
             self.send_numbered(doing, command).await?;
         }
         let (last, until) = (self.number, Instant::now() + takes + ANSWER_DEADLINE);
+        let mut takes = takes;
         for (number, command) in numbers.zip(commands) {
+            let takes = std::mem::take(&mut takes); // the first
             let answer = match self.in_doubt {
                 true => Answer::Again,
                 false => self.answer(doing, Instant::now() + takes + AGAIN_AFTER, until).await?,
