@@ -30,8 +30,8 @@ const MOST: f64 = 1.1;
 /// Least force that counts as left on the specimen, N.
 const LEFT_N: f64 = 0.05;
 
-/// Runs of a form: quick and full, if not each byte is tried.
-const RUNS: (usize, usize) = (6, 700);
+/// Runs of a form: quick, and full where a press has more bytes than this.
+const RUNS: (usize, usize) = (6, 3000);
 
 /// When a fault happens.
 #[derive(Clone, Copy, Debug)]
@@ -135,7 +135,7 @@ impl<K: Copy + Debug + Send + Sync> Family<K> {
     fn check(&self, kind: K, moves_itself_n: f64) {
         let sound = self.run(None);
         assert!(sound.ending.halt.is_none(), "{}: {:?}", self.rig, sound.ending.text());
-        let count = campaign::size(RUNS.0, RUNS.1.max(sound.bytes as usize));
+        let count = campaign::size(RUNS.0, RUNS.1.min(sound.bytes as usize));
         let mut rng = stream(1, 0, "when a stage forgets");
         let mut whens: Vec<When> = (0..count as u64)
             .map(|nth| if count as u64 >= sound.bytes { nth + 1 } else { rng.random_range(1..=sound.bytes) })
@@ -176,9 +176,11 @@ fn a_marlin_that_restarts_in_any_form_presses_no_harder_and_lets_go() {
 #[test]
 fn a_marlin_with_lost_doubled_or_endless_answers_or_jumping_counts_presses_no_harder() {
     use MarlinFaultKind::{Busy, CountsJump, DoubledOk, LostOk};
-    for kind in [LostOk, DoubledOk, CountsJump([0, 0, 400])] {
+    for kind in [LostOk, DoubledOk] {
         MARLIN.check(kind, 0.0);
     }
+    // a board whose count jumps between the zero and the line of a motion goes that much farther by itself
+    MARLIN.check(CountsJump([0, 0, 400]), 1.0 * DECLARED_N_MM);
     // it is busy for ever: nothing can move it
     MARLIN.check(Busy, LIMIT_N);
 }

@@ -250,9 +250,13 @@ impl Klipper {
             sleep(REFRESH).await;
             report = self.report(doing).await?;
         }
-        // once: a later motion away from the specimen must be possible
-        if self.usage.is_some() && !report.is_known && !std::mem::replace(&mut self.is_lost, true) {
-            return Err(self.lost(doing));
+        if self.usage.is_some() && !report.is_known {
+            self.count_anew(doing).await?;
+            // once: a later motion away from the specimen must be possible
+            if !std::mem::replace(&mut self.is_lost, true) {
+                return Err(self.lost(doing));
+            }
+            report = self.report(doing).await?;
         }
         if let Some(axis) = self.off(&report).filter(|_| !self.is_lost) {
             let (name, at_mm, end_mm) = (axis.name(), report.at_mm[axis.index()], report.ends_mm[axis.index()]);
@@ -265,6 +269,7 @@ impl Klipper {
             if let Some(usage) = known.filter(|usage| !usage.reach(axis).contains(at_mm)) {
                 let reach = usage.reach(axis);
                 self.is_lost = true;
+                self.count_anew(doing).await?;
                 let text = format!("{name} is at {at_mm:.4} mm, outside {} to {} mm", reach.min, reach.max);
                 return Err(self.motion(doing, text));
             }
@@ -274,9 +279,18 @@ impl Klipper {
         checked.map(|()| report.at_mm)
     }
 
+    /// Makes it count from the rig's zero here. No motion: a printer that doesn't know its place, or is out of its travel, refuses all motions.
+    async fn count_anew(&mut self, doing: &str) -> Result<(), DeviceError> {
+        let [x, y, z] = self.zero_mm;
+        let script = format!("SET_KINEMATIC_POSITION X={x:.6} Y={y:.6} Z={z:.6}\nM400");
+        self.moonraker.run(doing, &script, Duration::ZERO).await?;
+        self.at_mm = None;
+        Ok(())
+    }
+
     /// Checks that the axes were sent by nobody else.
     fn check_sent(&self, doing: &str, report: &Report) -> Result<(), DeviceError> {
-        let Some(at_mm) = self.at_mm else { return Ok(()) };
+        let Some(at_mm) = self.at_mm.filter(|_| !self.is_lost) else { return Ok(()) };
         match Axis::ALL.into_iter().find(|axis| !self.is_same(*axis, at_mm[axis.index()], report.ends_mm[axis.index()]))
         {
             None => Ok(()),
@@ -341,13 +355,7 @@ impl Klipper {
         // the feed is along the path; no axis is faster than the speed
         let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
         let (setup, words) = (&self.setup, words.collect::<String>());
-        // a printer that doesn't know its place refuses motions: it counts from the middle of its travel, and moves from where it is
-        let [x, y, z] = self.zero_mm;
-        let known = match report.is_known && !self.is_lost {
-            true => String::new(),
-            false => format!("SET_KINEMATIC_POSITION X={x:.6} Y={y:.6} Z={z:.6}\n"),
-        };
-        let script = format!("{known}{setup}G91\nG1 {words}F{feed_mm_min:.3}\nG90\nM400");
+        let script = format!("{setup}G91\nG1 {words}F{feed_mm_min:.3}\nG90\nM400");
         self.under_way = UnderWay::Doubt;
         self.takes = seconds(longest_mm / speed_mm_s);
         self.moonraker.begin(doing, &script).await?;
@@ -389,10 +397,8 @@ impl Stage for Klipper {
         let report = self.report(doing).await?;
         self.first_mm = report.is_known.then_some(report.at_mm);
         if !report.is_known {
-            // no motion: it counts from here, where a person brought the axes
-            let [x, y, z] = self.zero_mm;
-            let script = format!("SET_KINEMATIC_POSITION X={x:.6} Y={y:.6} Z={z:.6}\nM400");
-            self.moonraker.run(doing, &script, Duration::ZERO).await?;
+            // where a person brought the axes
+            self.count_anew(doing).await?;
             if !self.report(doing).await?.is_known {
                 let text = "it doesn't know SET_KINEMATIC_POSITION: add [force_move] with `enable_force_move: True` to its printer.cfg";
                 return Err(self.mismatch(doing, text.to_owned()));

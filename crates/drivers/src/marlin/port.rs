@@ -145,15 +145,9 @@ impl MarlinPort {
         self.send_until_taken(doing, command, takes, orders).await
     }
 
-    /// Sends commands all at once, which together are short enough for the printer's buffer; the first takes so long. The printer takes none
-    /// after one that it refuses. If anything is wrong, each is sent again with its number, unless a stop was ordered.
-    pub(super) async fn commands<const N: usize>(
-        &mut self,
-        doing: &str,
-        commands: [&str; N],
-        takes: Duration,
-        orders: Option<&MotionOrders>,
-    ) -> Result<(), DeviceError> {
+    /// Sends two commands that move nothing, both at once; the first takes so long. The printer doesn't take the second after it refused the
+    /// first. If anything is wrong, each is sent again with its number.
+    pub(super) async fn both(&mut self, doing: &str, commands: [&str; 2], takes: Duration) -> Result<(), DeviceError> {
         self.get_ready(doing).await?;
         let numbers = self.number + 1..;
         for command in commands {
@@ -178,13 +172,9 @@ impl MarlinPort {
                     return Err(self.error(doing, DeviceProblem::Link(waited)));
                 }
                 Answer::Taken | Answer::Again | Answer::None => {
-                    if orders.is_some_and(MotionOrders::stopped) {
-                        self.in_doubt = true;
-                        return Ok(()); // what the read-back shows counts
-                    }
                     self.drain(doing).await?;
                     self.number = number;
-                    self.send_until_taken(doing, command, takes, orders).await?;
+                    self.send_until_taken(doing, command, takes, None).await?;
                     self.in_doubt = true; // later answers may be those of the first attempt
                 }
             }

@@ -109,7 +109,7 @@ impl Marlin {
     /// isn't at the reported end is an error.
     async fn read_back(&mut self, doing: &str, expected: Duration) -> Result<[f64; 3], DeviceError> {
         self.port.take_position();
-        self.port.commands(doing, ["M400", "M114"], expected, None).await?;
+        self.port.both(doing, ["M400", "M114"], expected).await?;
         let position = match self.port.take_position() {
             Some(position) => position,
             None => self.port.position(doing).await?, // damaged
@@ -177,13 +177,12 @@ impl Marlin {
     }
 
     /// Sends a motion of whole steps from rest. The printer first calls its place 0 and counts in mm, so the motion is the same whatever it
-    /// or somebody else did before: a restart, another zero, relative or absolute coordinates (Marlin documents, G21, G91, G92). A motion
-    /// away from the specimen is sent with that, any other one after the count was compared.
+    /// or somebody else did before: a restart, another zero, relative or absolute coordinates (Marlin documents, G21, G91, G92).
     async fn send_motion(
         &mut self,
         doing: &str,
         legs: &[[i64; 3]],
-        (speed_mm_s, is_away): (f64, bool),
+        speed_mm_s: f64,
         orders: &MotionOrders,
     ) -> Result<(), DeviceError> {
         let mut from = [0; 3];
@@ -193,14 +192,8 @@ impl Marlin {
             self.port.command(doing, "G21").await?;
         }
         self.port.take_position();
-        if let [line] = &lines[..]
-            && is_away
-        {
-            self.port.commands(doing, [ZERO_HERE, line], Duration::ZERO, Some(orders)).await?;
-            return self.take_zero(doing, true).await;
-        }
         self.port.command(doing, ZERO_HERE).await?;
-        self.take_zero(doing, is_away).await?;
+        self.take_zero(doing).await?;
         for line in lines {
             if orders.stopped() {
                 break;
@@ -224,19 +217,20 @@ impl Marlin {
         format!("G1 {}F{feed_mm_min:.3}", words.collect::<String>())
     }
 
-    /// Takes the count that `G92` reported at rest. A way out of a contact is open from anywhere.
-    async fn take_zero(&mut self, doing: &str, is_away: bool) -> Result<(), DeviceError> {
+    /// Takes the count that `G92` reported at rest.
+    ///
+    /// # Errors
+    /// It isn't that of the last read-back. Stated once, so that the way out is open.
+    async fn take_zero(&mut self, doing: &str) -> Result<(), DeviceError> {
         let position = match self.port.take_position() {
             Some(position) => position,
-            // the count can't be asked for any more, and counts from the last one
-            None if is_away => return Ok(self.zero = self.counted),
             None => self.port.position(doing).await?,
         };
         // firmware without workspace offsets sets the count too
         let counts_anew = position.steps == [0; 3] || self.restarts != self.port.restarts;
         let moved = Axis::ALL.into_iter().find(|axis| position.steps[axis.index()] != self.counted[axis.index()]);
         (self.counted, self.zero, self.restarts) = (position.steps, position.steps, self.port.restarts);
-        match moved.filter(|_| !counts_anew && !is_away) {
+        match moved.filter(|_| !counts_anew) {
             None => Ok(()),
             Some(axis) => {
                 let text = format!("its count of {} changed while it rested: something else moved it", axis.name());
@@ -293,7 +287,7 @@ impl Stage for Marlin {
             let steps = ((piece_mm * self.steps_per_mm[z]).round() as i64).max(i64::from(LEAST_STEPS));
             let (mut way, from) = ([0; 3], self.at[z]);
             way[z] = if usage.away > 0.0 { steps } else { -steps };
-            self.send_motion(doing, &[way], (usage.home_speed_mm_s, true), orders).await?;
+            self.send_motion(doing, &[way], usage.home_speed_mm_s, orders).await?;
             self.read_back(doing, seconds(piece_mm / usage.home_speed_mm_s)).await?;
             if self.at[z] != from + way[z] && !orders.stopped() {
                 let text = "z didn't move; does its firmware require a search for home first?".to_owned();
@@ -346,7 +340,7 @@ impl Stage for Marlin {
         if legs.is_empty() || orders.stopped() {
             return Ok(());
         }
-        self.send_motion(doing, &legs, (speed_mm_s, is_leaving), orders).await
+        self.send_motion(doing, &legs, speed_mm_s, orders).await
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, _: &MotionOrders) -> Result<Vec<f64>, DeviceError> {
