@@ -4,7 +4,7 @@ use miette::Report;
 use palpate_data::dataset::{DatasetError, JournalError};
 use palpate_document::Problems;
 use palpate_run::batch::BatchError;
-use palpate_run::run::{Ending, Halt};
+use palpate_run::run::{Ending, Halt, Remaining};
 use std::fmt;
 use std::io::ErrorKind;
 
@@ -179,7 +179,11 @@ impl Failure {
             (None, None) => (Halt::Cancelled, None), // never: such a run didn't end early
         };
         let before = unparked.map(|why| Box::new(Failure::halted(why)));
-        Failure { stage, before, ..Failure::halted(halt) }
+        let failure = Failure::halted(halt);
+        // a person who cancelled isn't told that the stage is parked
+        let is_pressed = failure.kind == FailureKind::Cancelled && matches!(remaining, Remaining::Force(_));
+        let kind = if is_pressed { FailureKind::Device } else { failure.kind };
+        Failure { stage, before, kind, ..failure }
     }
 
     /// The same, after another failure.
@@ -223,4 +227,18 @@ fn plain(report: &Report) -> String {
 
 fn helped(help: Option<&str>) -> String {
     help.map_or_else(String::new, |help| format!("\nhelp: {help}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cancelled_run_that_still_presses_is_no_cancelled_run() {
+        let ended = |remaining| Failure::ended(Ending { remaining, ..Ending::halted(Halt::Cancelled) });
+        assert_eq!(ended(Remaining::Nothing).kind(), FailureKind::Cancelled);
+        let pressed = ended(Remaining::Force(0.99));
+        assert_eq!(pressed.kind(), FailureKind::Device);
+        assert_eq!(pressed.into_parts().0.as_deref(), Some("0.99 N remain on the specimen"));
+    }
 }

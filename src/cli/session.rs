@@ -11,7 +11,7 @@ use crate::api::provenance::now;
 use crate::api::run::executed;
 use crate::api::{EvaluateChoice, Failure, FailureKind, OpenedRun};
 use palpate_run::batch::{BatchEvent, Ended};
-use palpate_run::run::{Ending, Halt};
+use palpate_run::run::{Ending, Halt, Remaining};
 use std::io;
 use std::process::ExitCode;
 
@@ -69,7 +69,9 @@ pub(super) fn carry_out(begun: &mut OpenedRun, args: &SessionArgs) -> Result<Exi
         notify(BatchEvent::Ended(ended.clone()));
     }
     match ending {
-        Ending { halt: Some(Halt::Cancelled), unparked: None, .. } => {
+        Ending { halt: Some(Halt::Cancelled), unparked: None, ref remaining, .. }
+            if !matches!(remaining, Remaining::Force(_)) =>
+        {
             finished.map_err(Failure::unfinished)?;
             return Ok(exit_code(FailureKind::Cancelled));
         }

@@ -331,6 +331,8 @@ impl Klipper {
                 return Err(self.lost(doing));
             }
             self.check_sent(doing, &report)?;
+            let rests = usage.check_rest(ways, from_mm, REPORT_ROUNDING_MM);
+            rests.map_err(|problem| self.moonraker.error(doing, problem))?;
             if report.is_shifted {
                 let text = "its G-code coordinates were shifted by somebody else (G92, an offset, a bed mesh, a correction of skew or of tilt)";
                 return Err(self.motion(doing, text.to_owned()));

@@ -327,6 +327,8 @@ impl Stage for Marlin {
         if self.port.is_lost && !is_leaving {
             return Err(self.port.lost(doing));
         }
+        let at_mm = std::array::from_fn(|axis| self.at[axis] as f64 / self.steps_per_mm[axis]);
+        usage.check_rest(ways, at_mm, 0.0).map_err(|problem| self.port.error(doing, problem))?;
         let mut by = [0; 3];
         for way in ways {
             let (nth, steps) = (way.axis.index(), self.steps_per_mm[way.axis.index()]);

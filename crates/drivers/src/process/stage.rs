@@ -63,28 +63,6 @@ impl ProcessStage {
     }
 }
 
-impl ProcessStage {
-    /// Checks that axes are where they came to rest: a program that lost its count would go somewhere else.
-    async fn check_rest(&mut self, doing: &str, ways: &[AxisWay], orders: &MotionOrders) -> Result<(), DeviceError> {
-        let Some(usage) = self.usage.clone() else { return Ok(()) };
-        let position_mm = self.status(doing, Some(orders)).await?.position_mm;
-        let off = |way: &&AxisWay| {
-            let most_mm = usage.steps.in_position_mm(way.axis) + REPORT_ROUNDING_MM;
-            (position_mm[way.axis.index()] - way.from_mm).abs() > most_mm
-        };
-        match ways.iter().find(off) {
-            None => Ok(()),
-            Some(AxisWay { axis, from_mm, .. }) => {
-                let (name, is_mm) = (axis.name(), position_mm[axis.index()]);
-                let text = format!(
-                    "{name} came to rest at {from_mm:.4} mm and is at {is_mm:.4} mm: something else moved it, or it lost its count"
-                );
-                Err(self.port.error(doing, DeviceProblem::Motion(text)))
-            }
-        }
-    }
-}
-
 impl Stage for ProcessStage {
     async fn identify(&mut self, _: &StageUse) -> Result<Identity, DeviceError> {
         let (identity, _) = self.port.identify().await?;
@@ -134,7 +112,9 @@ impl Stage for ProcessStage {
         let mut request = json!({ "by_mm": of(|way| way.by_mm), "speed_mm_s": speed_mm_s });
         // the way out is open from anywhere
         if !usage.is_leaving(ways) {
-            self.check_rest(doing, ways, orders).await?;
+            let position_mm = self.status(doing, Some(orders)).await?.position_mm;
+            let rests = usage.check_rest(ways, position_mm, REPORT_ROUNDING_MM);
+            rests.map_err(|problem| self.port.error(doing, problem))?;
             request["from_mm"] = json!(of(|way| way.from_mm));
         }
         let request = request.as_object().cloned().unwrap_or_default();

@@ -467,7 +467,8 @@ impl Stage for Ur {
             let at_rest = self.ended(doing, Duration::ZERO, orders).await;
             self.at_mm = self.settle(at_rest).await?;
         }
-        usage.check(ways).map_err(|problem| self.error(doing, problem))?;
+        let rests = usage.check_rest(ways, self.at_mm, self.settings.path_error_mm);
+        usage.check(ways).and(rests).map_err(|problem| self.error(doing, problem))?;
         let mut by_mm = [0.0; 3];
         let is_leaving = usage.is_leaving(ways);
         for way in ways {

@@ -81,6 +81,27 @@ impl StageUse {
         }
     }
 
+    /// Checks that the axes rest where the ways begin, within a distance beyond that of an arrival, mm. The way out of a contact is open from
+    /// anywhere.
+    ///
+    /// # Errors
+    /// The axis that doesn't: somebody else moved it, or its controller lost the place.
+    pub fn check_rest(&self, ways: &[AxisWay], at_mm: [f64; 3], more_mm: f64) -> Result<(), DeviceProblem> {
+        // written as the positive condition, so NaN fails
+        let rests = |way: &AxisWay| {
+            (at_mm[way.axis.index()] - way.from_mm).abs() <= self.steps.in_position_mm(way.axis) + more_mm
+        };
+        match ways.iter().find(|way| !rests(way)).filter(|_| !self.is_leaving(ways)) {
+            None => Ok(()),
+            Some(AxisWay { axis, from_mm, .. }) => {
+                let (name, is_mm) = (axis.name(), at_mm[axis.index()]);
+                Err(DeviceProblem::Motion(format!(
+                    "{name} came to rest at {from_mm:.4} mm and is at {is_mm:.4} mm: something else moved it, or it lost its place"
+                )))
+            }
+        }
+    }
+
     /// Whether a motion only leads away from the specimen.
     pub fn is_leaving(&self, ways: &[AxisWay]) -> bool {
         ways.iter().all(|way| way.by_mm == 0.0 || (way.axis == Axis::Z && way.by_mm * self.away > 0.0))
