@@ -175,7 +175,10 @@ fn guard_ends_a_motion(rig: &str) {
         let ran_mm = 2.0 * (leap_s - begun_s);
         let at_mm = stage.position_mm(Axis::Z, &orders).await.expect("a place");
         let went_mm = (at_mm - from_mm).abs();
-        assert!((-ROUNDING_MM..0.15).contains(&(went_mm - ran_mm)), "z went {went_mm} mm, {ran_mm} mm when the force came");
+        assert!(
+            (-ROUNDING_MM..0.15).contains(&(went_mm - ran_mm)),
+            "z went {went_mm} mm, {ran_mm} mm when the force came"
+        );
         // it has ended a motion: the way out is free
         stage.guard(None).await.expect("none any more");
         stage.begin(&[AxisWay::between(Axis::Z, at_mm, 10.0)], 10.0, &orders).await.expect("the way out");

@@ -30,6 +30,9 @@ const HOME_MARK_MM: f64 = 0.0;
 /// another place or zero.
 const SENT_MM: f64 = 0.02;
 
+/// Rounding of a commanded position in an answer, and of a displacement to counts, mm.
+const COUNT_MM: f64 = 0.0002;
+
 /// Least number of decimals of a position (manual, page TP). A position with fewer decimals is damaged.
 const DECIMALS: usize = 3;
 
@@ -130,7 +133,13 @@ impl Esp301 {
         let room = COMPLAINTS_MAX.saturating_sub(self.complaints.len());
         self.complaints.extend(complaint.into_iter().take(room));
         let Some((places, sent)) = places else { return Ok(None) };
-        axes.iter().zip(sent).for_each(|(axis, sent_mm)| self.sent_mm[axis.index()] = Some(sent_mm));
+        for (axis, read_mm) in axes.iter().zip(sent) {
+            let sent_mm = &mut self.sent_mm[axis.index()];
+            // the sum of what was sent is finer than the answer, unless the controller's counts are coarser
+            if sent_mm.is_none_or(|sent_mm| (sent_mm - read_mm).abs() > COUNT_MM) {
+                *sent_mm = Some(read_mm);
+            }
+        }
         Ok(Some(places))
     }
 
@@ -377,7 +386,10 @@ impl Stage for Esp301 {
         let urgent = || orders.take().map(|order| line_of(order, &axes));
         let urgent = Urgent { asked: orders.pulled(), line: &urgent };
         let asked = Instant::now();
-        axes.iter().for_each(|axis| self.sent_mm[axis.index()] = None);
+        for (way, by_mm) in ways.iter().zip(&by_mm) {
+            let sent_mm = &mut self.sent_mm[way.axis.index()];
+            *sent_mm = sent_mm.map(|sent_mm| round(sent_mm + by_mm, 5));
+        }
         let answers = self.line.ask_all(&line, 1, Some(&urgent)).await.map_err(|error| self.failed(doing, &error))?;
         self.quickest = self.quickest.min(asked.elapsed());
         // a stop during resynchronisation was sent before the motion

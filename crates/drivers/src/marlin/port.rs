@@ -9,7 +9,7 @@ use palpate_link::time::Instant;
 use palpate_link::wire::{Connector, LineLink, WireError, silent};
 use std::time::Duration;
 
-/// Longest wait for an answer beyond the time that its command takes, whatever the printer says meanwhile, and how much longer than a line
+/// Longest wait for an answer beyond the time that its command takes, with any answers meanwhile, and how much longer than a line
 /// without an answer a `busy` makes it wait. Marlin sends one every two seconds.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(4);
 const BUSY: Duration = Duration::from_millis(2500);

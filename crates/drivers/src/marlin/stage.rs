@@ -155,8 +155,8 @@ impl Marlin {
     }
 
     /// Returns the ends of the lines that bring the axes along a way, in steps from its start. A shorter way than [`LEAST_STEPS`] first goes
-    /// back, so that it ends in the same direction; along z first away from the specimen, so that it ends toward it. Whatever somebody else
-    /// sets between the two, z then ends no deeper.
+    /// back, so that it ends in the same direction; along z first away from the specimen, so that it ends toward it. Z then ends no
+    /// deeper, even if somebody else sets another zero between the two.
     fn legs(way: [i64; 3], away: f64) -> Vec<[i64; 3]> {
         let least = i64::from(LEAST_STEPS);
         match way.iter().map(|steps| steps.abs()).max().unwrap_or(0) {
@@ -176,8 +176,8 @@ impl Marlin {
         }
     }
 
-    /// Sends a motion of whole steps from rest. The printer first calls its place 0 and counts in mm, so the motion is the same whatever it
-    /// or somebody else did before: a restart, another zero, relative or absolute coordinates (Marlin documents, G21, G91, G92).
+    /// Sends a motion of whole steps from rest. The printer first calls its place 0 and counts in mm, so the motion is the same after anything
+    /// that it or somebody else did before: a restart, another zero, relative or absolute coordinates (Marlin documents, G21, G91, G92).
     async fn send_motion(
         &mut self,
         doing: &str,

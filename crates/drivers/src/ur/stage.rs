@@ -276,8 +276,15 @@ impl Ur {
         let is_leaving = by_mm[0] == 0.0 && by_mm[1] == 0.0 && by_mm[2] * usage.away > 0.0;
         let (to_mm, frame) = (plus(self.at_mm, by_mm), &self.settings.frame);
         let way_mm = minus(frame.to_base(by_mm), frame.origin_mm());
+        let [x_mm, y_mm, _] = frame.to_stage(state.at_mm);
+        // with another TCP or frame, the place of the tip means something else
+        let is_lost = length(minus(state.at_mm, frame.to_base(self.at_mm))) > self.settings.path_error_mm;
         // the way out is straight from where the tip is, which isn't where it was sent if the arm gives way
-        let target_mm = if is_leaving { plus(state.at_mm, way_mm) } else { frame.to_base(to_mm) };
+        let target_mm = match (is_leaving, is_lost) {
+            (false, _) => frame.to_base(to_mm),
+            (true, false) => frame.to_base([x_mm, y_mm, to_mm[2]]),
+            (true, true) => plus(state.at_mm, way_mm),
+        };
         self.motion = Some(ArmMotion {
             from_mm: state.at_mm,
             to_mm: target_mm,
@@ -297,10 +304,11 @@ impl Ur {
         }
         // speed and acceleration of the rig are those of an axis
         let (v, a) = (speed_mm_s * along_path, usage.acceleration_mm_s2 * along_path);
-        let tool_rad = self.settings.frame.tool_rad();
-        self.send(doing, |number| match is_leaving {
+        // on the way out the tool doesn't turn
+        let rotation_rad = if is_leaving { state.rotation_rad } else { self.settings.frame.tool_rad() };
+        self.send(doing, |number| match is_leaving && is_lost {
             true => script::displacement(number, way_mm, v, a),
-            false => script::motion(number, target_mm, tool_rad, v, a),
+            false => script::motion(number, target_mm, rotation_rad, v, a),
         })
         .await?;
         self.at_mm = to_mm;
@@ -474,7 +482,10 @@ impl Stage for Ur {
         for way in ways {
             // where it was sent is known better than where it was read back
             let sent_mm = self.at_mm[way.axis.index()];
-            by_mm[way.axis.index()] = if is_leaving { way.by_mm } else { way.to_mm() - sent_mm };
+            let is_near = (sent_mm - way.from_mm).abs() <= self.settings.path_error_mm;
+            let left_mm = way.to_mm() - sent_mm;
+            let is_known = !is_leaving || (is_near && left_mm * way.by_mm > 0.0);
+            by_mm[way.axis.index()] = if is_known { left_mm } else { way.by_mm };
         }
         let begun = self.move_by(doing, by_mm, (speed_mm_s, &usage), orders).await;
         self.settle(begun).await

@@ -29,7 +29,7 @@ pub(super) struct Faults<K> {
     timed: Vec<DeviceFault<K>>,
     after_bytes: Vec<FaultAfterBytes<K>>,
     received: u64,
-    /// Those whose bytes have come since the device was last let go on.
+    /// Those whose bytes have come since the device last continued.
     due: Vec<K>,
 }
 

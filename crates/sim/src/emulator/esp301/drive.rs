@@ -14,6 +14,8 @@ const STAGE_ACCELERATION_MM_S2: f64 = 100.0;
 const HOME_SPEED_MM_S: f64 = 5.0;
 /// Encoder counts per mm: 20 um interpolated 4000 times (same file).
 const COUNTS_PER_MM: f64 = 200_000.0;
+/// Positions per mm that the controller reports.
+const REPORTED_PER_MM: f64 = 1e4;
 /// Value of `SN` for a stage that counts in encoder counts. The second constant is the value for mm (manual, page SN).
 const UNIT_COUNTS: u16 = 0;
 const UNIT_MM: u16 = 2;
@@ -334,7 +336,16 @@ impl Drive {
         // the end of travel stops it if the brake doesn't
         let room_mm = TRAVEL_MM - place_mm * speed_mm_s.signum();
         let needed_mm_s2 = speed_mm_s * speed_mm_s / (2.0 * room_mm);
-        let way = Trajectory::stop(now_s, (place_mm, speed_mm_s), deceleration_mm_s2.max(needed_mm_s2));
+        let deceleration_mm_s2 = deceleration_mm_s2.max(needed_mm_s2);
+        let mut way = Trajectory::stop(now_s, (place_mm, speed_mm_s), deceleration_mm_s2);
+        if speed_mm_s != 0.0 {
+            // it ends at the next position that the controller reports
+            let counts = self.count_mm(way.end_mm()) * REPORTED_PER_MM;
+            let forward = self.direction * speed_mm_s > 0.0;
+            let count_mm = if forward { counts.ceil() } else { counts.floor() } / REPORTED_PER_MM;
+            let end_mm = (self.offset_mm + self.direction * count_mm).clamp(-TRAVEL_MM, TRAVEL_MM);
+            way = Trajectory::to(now_s, (place_mm, speed_mm_s), end_mm, speed_mm_s.abs(), deceleration_mm_s2);
+        }
         self.target_mm = way.end_mm();
         scene.set_motion(self.axis, way, now_s);
         let was = std::mem::replace(&mut self.action, AxisAction::Stop);
@@ -344,5 +355,5 @@ impl Drive {
 
 /// Returns a number as the controller writes it: four decimals, and zero without a sign.
 pub(super) fn decimal(value: f64) -> String {
-    format!("{:.4}", (value * 1e4).round() / 1e4 + 0.0)
+    format!("{:.4}", (value * REPORTED_PER_MM).round() / REPORTED_PER_MM + 0.0)
 }

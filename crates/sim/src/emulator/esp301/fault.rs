@@ -15,7 +15,7 @@ pub enum EspFaultKind {
     LostAnswer,
     /// The next answer is sent twice.
     DoubledAnswer,
-    /// `MD?` reports 0 from now on, whatever the axes do.
+    /// `MD?` reports 0 from now on, also of axes at rest.
     NeverDone,
     /// The controller restarts: motions end, all settings are those of power-on, and each axis counts zero where it is. What comes
     /// meanwhile is lost.

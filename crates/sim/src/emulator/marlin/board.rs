@@ -32,7 +32,7 @@ pub struct MarlinBoard {
     pub bed_rise: Option<[f64; 2]>,
     /// Whether G20 is known (INCH_MODE_SUPPORT). Stock builds don't know it.
     pub inches: bool,
-    /// Whether G92 shifts the logical coordinates only, as in stock builds. A build with NO_WORKSPACE_OFFSETS counts the steps anew, and
+    /// Whether G92 shifts the logical coordinates only, as in stock builds. A build with NO_WORKSPACE_OFFSETS counts the steps again from there, and
     /// its software endstops move along (G92.cpp).
     pub workspace_offsets: bool,
     /// Number of steps that a motion has at least (MIN_STEPS_PER_SEGMENT). Fewer steps are added to the next motion.
@@ -43,7 +43,7 @@ pub struct MarlinBoard {
     pub slip_mm: [f64; 3],
     /// Time from the opening of the port, which resets the board, to `start`, s. `None`: opening doesn't reset it.
     pub boot_s: Option<f64>,
-    /// Whether M112 and M410 act when they are received, with or without a number, whatever waits (EMERGENCY_PARSER, e_parser.h).
+    /// Whether M112 and M410 act when they are received, with or without a number, before all that waits (EMERGENCY_PARSER, e_parser.h).
     pub emergency_parser: bool,
     /// Whether an `ok` follows a `Resend`. Builds of around 2.0.8 send none (`flush_and_request_resend`, queue.cpp).
     pub ok_after_resend: bool,

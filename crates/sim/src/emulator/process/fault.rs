@@ -14,7 +14,7 @@ pub enum ProcessStageFaultKind {
     LostAnswer,
     /// The next answer is sent twice.
     DoubledAnswer,
-    /// `status` reports a motion from now on, whatever the axes do.
+    /// `status` reports a motion from now on, also of axes at rest.
     NeverDone,
     /// The program counts zero where the axes are, and believes what it knew of home and travel.
     LosesCount,
@@ -37,7 +37,7 @@ impl ProcessStageFaultKind {
     }
 }
 
-/// Faults that are to come, and those that last.
+/// Faults that are expected, and those that last.
 pub(super) struct StageFaults {
     pub pending: Faults<ProcessStageFaultKind>,
     /// Bytes of the line under way, if they are counted.

@@ -54,7 +54,7 @@ pub(super) struct Robot {
     /// The TCP in the frame of the flange, which is the tip of the tool. Any client may set it.
     pub tcp: Pose,
     pub payload_kg: f64,
-    /// What programs told people, as far as it is kept.
+    /// What programs showed to people, as far as it is kept.
     pub messages: Vec<String>,
     pub is_remote: bool,
     /// Position of the speed slider, 0 to 1.

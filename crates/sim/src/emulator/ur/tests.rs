@@ -295,7 +295,7 @@ fn deviations_end_on_the_line_and_the_force_pushes_back() {
 #[test]
 fn a_resting_pose_has_the_noise_of_a_real_arm_and_the_planned_one_has_none() {
     let scene = scene();
-    let robot = UrEmulator::new(UrArm::default(), &scene);
+    let robot = UrEmulator::new(UrArm { pose_noise: UrArm::POSE_NOISE, ..UrArm::default() }, &scene);
     let links = [RTDE_PORT, SECONDARY_PORT, DASHBOARD_PORT].map(|port| robot.at_port(port).expect("a port"));
     let mut bench = UrBench { robot, scene, links, now_s: 0.0 };
     let readings: Vec<[[f64; 6]; 2]> = (0..5000)

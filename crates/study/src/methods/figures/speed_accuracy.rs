@@ -86,7 +86,7 @@ fn panel(text: &str, rows: &[&MethodRow]) -> Panel {
     Panel { x, y, marks }
 }
 
-/// Name of the processor, which Linux tells.
+/// Name of the processor, as Linux reports it.
 fn processor() -> String {
     let about = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = about.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
