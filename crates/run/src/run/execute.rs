@@ -314,9 +314,10 @@ impl Runner<'_> {
         match halt {
             Some(Halt::Tripped(_) | Halt::Device(_)) => {
                 self.rig_control.stop_and_see().await?;
-                self.rig_control.retract(self.conditions.spec.top_mm()).await
+                self.rig_control.retract_from_contact(self.conditions.spec.top_mm()).await
             }
-            _ => self.rig_control.retract(self.park_mm()).await,
+            Some(_) => self.rig_control.retract_from_contact(self.park_mm()).await,
+            None => self.rig_control.retract(self.park_mm()).await,
         }
     }
 

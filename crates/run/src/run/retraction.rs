@@ -81,9 +81,18 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Stops all axes and retracts to the clear, whether the load cell answers or not. It is used to park, and also at the very
     /// start, because an earlier program may have left the axes in contact.
     pub(super) async fn retract(&mut self, z_mm: f64) -> Result<(), Halt> {
+        self.retract_from(z_mm, false).await
+    }
+
+    /// Does the same after a run was halted, maybe in contact: the way out of the contact then depends on no place.
+    pub(super) async fn retract_from_contact(&mut self, z_mm: f64) -> Result<(), Halt> {
+        self.retract_from(z_mm, true).await
+    }
+
+    async fn retract_from(&mut self, z_mm: f64, may_press: bool) -> Result<(), Halt> {
         let mut retracted = Ok(());
         for _ in 0..RETRACT_TRIES {
-            retracted = self.stop_and_retract(z_mm).await;
+            retracted = self.stop_and_retract(z_mm, may_press).await;
             // a direction in which the force rose isn't tried again
             if matches!(retracted, Ok(()) | Err(Halt::Tripped(_))) {
                 break;
@@ -138,20 +147,20 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
 
     /// Stops the stage and retracts z. An axis that still brakes takes no target, so it is at rest before it is sent away. A
     /// repetition is safe, because the position is asked each time and the target is the same position at clearance height.
-    async fn stop_and_retract(&mut self, z_mm: f64) -> Result<(), Halt> {
+    async fn stop_and_retract(&mut self, z_mm: f64, may_press: bool) -> Result<(), Halt> {
         self.stage.stop().await?;
         // retract at any force, even if the controller's guard can't be cleared
         let _ = self.stage.guard(None).await;
         self.stage.follow(&Axis::ALL, Duration::ZERO, &MotionOrders::default()).await?;
-        self.retract_at_any_force(z_mm).await
+        self.retract_at_any_force(z_mm, may_press).await
     }
 
     /// Retracts at any force, whether or not the load cell answers. It is used for parking, when the load cell may have failed.
     ///
     /// A force that rises stops the motion, because z may move the wrong way. It continues if z was read back going away and the
     /// outputs fall: then the load cell shows an old rise. Where the array shows nothing, z goes a short distance farther and stops.
-    async fn retract_at_any_force(&mut self, z_mm: f64) -> Result<(), Halt> {
-        let is_freed = self.free_the_tip().await?;
+    async fn retract_at_any_force(&mut self, z_mm: f64, may_press: bool) -> Result<(), Halt> {
+        let is_freed = may_press && self.free_the_tip().await?;
         self.read_back_z().await?;
         if is_freed && self.z_mm <= z_mm {
             // the place is lost: it counts above the specimen where the tip pressed
