@@ -9,7 +9,7 @@ use palpate_run::rig::{self, RigSpec, SimulatedRig};
 use palpate_sim::emulator::{
     GRBL_ROOM_MM, GrblBoard, GrblEmulator, GrblFault, GrblFaultAfterBytes, GrblFaultKind, GrblWelcome, Instrument,
     KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultAfterBytes, KlipperFaultKind, MarlinAnnounced,
-    MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultAfterBytes, MarlinFaultKind,
+    MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultAfterBytes, MarlinFaultKind, Shared,
 };
 use palpate_sim::scene::{ContactLaw, Scene};
 use palpate_testing::executions::{Deaths, ExecutedRun, end_of, executed_with, in_parallel, must_be_none, plan};
@@ -40,17 +40,20 @@ enum When {
     AfterBytes(u64),
 }
 
+/// Returns a stage with a fault, or without.
+type Install<K> = fn(&RigSpec, &Scene, Option<(When, K)>) -> Shared<dyn Instrument>;
+
 /// A family of stages, and how a fault is given to one.
 struct Family<K: 'static> {
     rig: &'static str,
-    install: fn(&RigSpec, &Scene, Option<(When, K)>) -> Arc<Mutex<dyn Instrument>>,
+    install: Install<K>,
 }
 
 const MARLIN: Family<MarlinFaultKind> = Family { rig: "rigs/marlin.toml", install: marlin };
 const GRBL: Family<GrblFaultKind> = Family { rig: "rigs/matrix.toml", install: grbl };
 const KLIPPER: Family<KlipperFaultKind> = Family { rig: "rigs/klipper.toml", install: klipper };
 
-fn marlin(spec: &RigSpec, scene: &Scene, fault: Option<(When, MarlinFaultKind)>) -> Arc<Mutex<dyn Instrument>> {
+fn marlin(spec: &RigSpec, scene: &Scene, fault: Option<(When, MarlinFaultKind)>) -> Shared<dyn Instrument> {
     let axes = spec.stage.travel.axes;
     let mut board = MarlinBoard {
         min_ends_mm: axes.map(|travel| travel.min - GRBL_ROOM_MM),
@@ -65,7 +68,7 @@ fn marlin(spec: &RigSpec, scene: &Scene, fault: Option<(When, MarlinFaultKind)>)
     Arc::new(Mutex::new(MarlinEmulator::new(board, scene)))
 }
 
-fn grbl(spec: &RigSpec, scene: &Scene, fault: Option<(When, GrblFaultKind)>) -> Arc<Mutex<dyn Instrument>> {
+fn grbl(spec: &RigSpec, scene: &Scene, fault: Option<(When, GrblFaultKind)>) -> Shared<dyn Instrument> {
     let axes = spec.stage.travel.axes;
     let stock = GrblBoard::default();
     let mut board = GrblBoard {
@@ -88,7 +91,7 @@ fn grbl(spec: &RigSpec, scene: &Scene, fault: Option<(When, GrblFaultKind)>) -> 
     Arc::new(Mutex::new(GrblEmulator::new(board, scene)))
 }
 
-fn klipper(spec: &RigSpec, scene: &Scene, fault: Option<(When, KlipperFaultKind)>) -> Arc<Mutex<dyn Instrument>> {
+fn klipper(spec: &RigSpec, scene: &Scene, fault: Option<(When, KlipperFaultKind)>) -> Shared<dyn Instrument> {
     let axes = spec.stage.travel.axes;
     let mut board = KlipperBoard {
         min_ends_mm: axes.map(|travel| travel.min - GRBL_ROOM_MM),

@@ -42,7 +42,8 @@ impl AtRest {
             }
             let is_mm = stage.position_mm(Axis::Z, &MotionOrders::default()).await?;
             // written as the positive condition, so NaN fails
-            if !((is_mm - self.z_mm).abs() <= self.most_mm) {
+            let rests = (is_mm - self.z_mm).abs() <= self.most_mm;
+            if !rests {
                 let text = format!(
                     "z came to rest at {:.4} mm and is at {is_mm:.4} mm: something else moved it, or it lost its place",
                     self.z_mm
