@@ -30,6 +30,7 @@ class Printer:
     def __init__(self):
         self.at = {"x": 0.0, "y": 0.0, "z": 0.0}
         self.homed, self.speed_mm_s, self.peak_n = "", 5.0, 0.0
+        self.is_relative = False
         # where the tip is when Klipper doesn't know it yet: 5 mm over the spring
         self.offset_mm = None
         with open(os.path.join(FOLDER, "tip"), "r+b") as file:
@@ -54,10 +55,14 @@ class Printer:
                     name, value = word.split("=")
                     self.at[name.lower()] = float(value)
                 self.homed, self.offset_mm = "xyz", SURFACE_MM + 5.0 - self.at["z"]
+            elif words[0] in ("G90", "G91"):
+                self.is_relative = words[0] == "G91"
             elif words[0] in ("G0", "G1"):
                 if self.homed != "xyz":
                     raise ValueError("Must home axis first: {x:.3f} {y:.3f} {z:.3f} [0.000]".format(**self.at))
                 self.speed_mm_s = values.pop("f", 60.0 * self.speed_mm_s) / 60.0
+                if self.is_relative:
+                    values = {axis: self.at[axis] + by_mm for axis, by_mm in values.items()}
                 await asyncio.sleep(LATE_S)
                 start, begun = dict(self.at), time.monotonic()
                 way_mm = sum((values[axis] - start[axis]) ** 2 for axis in values) ** 0.5

@@ -169,7 +169,8 @@ fn octoprints_virtual_printer_is_retracted() {
     let rig = exchanged(&rig, "acceleration_mm_s2 = 100.0", "acceleration_mm_s2 = 10.0");
     for error in ["resend", "resend_with_timeout", "missing_lineno", "checksum_mismatch"] {
         let bench = TestFolder::new();
-        let printer = Live::start(python.script("virtual_printer.py", [bench.path(""), format!("30:{error}").into()]));
+        let printer =
+            Live::start(python.script("virtual_printer.py", [bench.path(""), format!("1030:{error}").into()]));
         let line = printer.line().expect("it starts");
         let port = line.strip_prefix("printer at ").expect("its terminal");
         std::fs::write(bench.path("rig.toml"), exchanged(&rig, "/dev/ttyUSB0", port)).expect("a file");

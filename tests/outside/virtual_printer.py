@@ -1,6 +1,6 @@
 """OctoPrint's virtual printer on a pseudo-terminal: python3 virtual_printer.py FOLDER ERROR
 
-ERROR is one of its own, such as 30:resend: what it answers to line 30. Prints the terminal's name, and each line that asks for another
+ERROR is one of its own, such as 1030:resend: what it answers to line 1030. Prints the terminal's name, and each line that asks for another
 line again. Of OctoPrint only this one file is loaded, with stand-ins for what it imports. Its moves take a tenth of their time."""
 
 import ast

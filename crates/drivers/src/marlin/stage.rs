@@ -18,6 +18,9 @@ const ZERO_HERE: &str = "G92 X0 Y0 Z0";
 /// Longest piece of a nudge, mm. It can't be stopped.
 const NUDGE_PIECE_MM: f64 = 0.05;
 
+/// Number of times that a piece is sent which moved nothing.
+const NUDGE_TRIES: usize = 2;
+
 /// Largest count of an axis at its zero, mm, where a person brought it.
 const ZERO_MOST_MM: f64 = 0.5;
 
@@ -287,8 +290,14 @@ impl Stage for Marlin {
             let steps = ((piece_mm * self.steps_per_mm[z]).round() as i64).max(i64::from(LEAST_STEPS));
             let (mut way, from) = ([0; 3], self.at[z]);
             way[z] = if usage.away > 0.0 { steps } else { -steps };
-            self.send_motion(doing, &[way], usage.home_speed_mm_s, orders).await?;
-            self.read_back(doing, seconds(piece_mm / usage.home_speed_mm_s)).await?;
+            // a printer may take a line that it doesn't carry out: what the read-back shows is left
+            for _ in 0..NUDGE_TRIES {
+                self.send_motion(doing, &[way], usage.home_speed_mm_s, orders).await?;
+                self.read_back(doing, seconds(piece_mm / usage.home_speed_mm_s)).await?;
+                if self.at[z] != from || orders.stopped() {
+                    break;
+                }
+            }
             if self.at[z] != from + way[z] && !orders.stopped() {
                 let text = "z didn't move; does its firmware require a search for home first?".to_owned();
                 return Err(self.port.error(doing, DeviceProblem::Motion(text)));
