@@ -379,6 +379,8 @@ fn note(fate: &Shared<BadLineFate>, parcel: &Parcel, way: BadLineWay) {
     }
     if parcel.stray {
         fate.stray_s.push(now_s);
+        // a motion is a displacement: a line that delivers it twice changes it
+        fate.altered_command |= way == BadLineWay::There;
     }
 }
 

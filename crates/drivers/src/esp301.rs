@@ -134,10 +134,12 @@ impl Esp301 {
         self.complaints.extend(complaint.into_iter().take(room));
         let Some((places, sent)) = places else { return Ok(None) };
         for (axis, read_mm) in axes.iter().zip(sent) {
-            let sent_mm = &mut self.sent_mm[axis.index()];
+            let sent_mm = self.sent_mm[axis.index()];
             // the sum of what was sent is finer than the answer, unless the controller's counts are coarser
             if sent_mm.is_none_or(|sent_mm| (sent_mm - read_mm).abs() > COUNT_MM) {
-                *sent_mm = Some(read_mm);
+                // a displacement from a damaged answer would end elsewhere: two must agree
+                let again_mm = self.ask_number(doing, &format!("{}DP?", number(*axis))).await?;
+                self.sent_mm[axis.index()] = (again_mm == read_mm).then_some(read_mm);
             }
         }
         Ok(Some(places))

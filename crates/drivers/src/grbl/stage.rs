@@ -209,7 +209,12 @@ impl Grbl {
         let doing = "changing a speed";
         self.cancel(doing).await?;
         self.until_still(doing).await?;
+        // a displacement from a damaged answer would end elsewhere: two must agree
         let at_mm = self.status(doing, orders).await?.position_mm;
+        if self.status(doing, orders).await?.position_mm != at_mm {
+            let text = "two answers at rest have different positions".to_owned();
+            return Err(self.port.error(doing, DeviceProblem::Motion(text)));
+        }
         let left = |way: &AxisWay| AxisWay::between(way.axis, at_mm[way.axis.index()], way.to_mm());
         let left: Vec<AxisWay> = self.ways.iter().map(left).collect();
         self.begin(&left, mm_s, orders).await
