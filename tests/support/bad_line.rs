@@ -92,7 +92,7 @@ pub struct BadLineFate {
     /// Times at which changed messages were delivered, s: with other bytes or in another order.
     pub altered_s: Vec<f64>,
     pub stray_s: Vec<f64>,
-    /// Whether a changed message went to the device.
+    /// Whether a changed message went to the device, or one went there twice.
     pub altered_command: bool,
     /// The axes' motions.
     pub motions: Vec<Motions>,

@@ -134,13 +134,16 @@ impl Esp301 {
         self.complaints.extend(complaint.into_iter().take(room));
         let Some((places, sent)) = places else { return Ok(None) };
         for (axis, read_mm) in axes.iter().zip(sent) {
-            let sent_mm = self.sent_mm[axis.index()];
             // the sum of what was sent is finer than the answer, unless the controller's counts are coarser
-            if sent_mm.is_none_or(|sent_mm| (sent_mm - read_mm).abs() > COUNT_MM) {
+            self.sent_mm[axis.index()] = match self.sent_mm[axis.index()] {
+                None => Some(read_mm),
+                Some(sent_mm) if (sent_mm - read_mm).abs() <= COUNT_MM => Some(sent_mm),
                 // a displacement from a damaged answer would end elsewhere: two must agree
-                let again_mm = self.ask_number(doing, &format!("{}DP?", number(*axis))).await?;
-                self.sent_mm[axis.index()] = (again_mm == read_mm).then_some(read_mm);
-            }
+                Some(_) => {
+                    let again_mm = self.ask_number(doing, &format!("{}DP?", number(*axis))).await?;
+                    (again_mm == read_mm).then_some(read_mm)
+                }
+            };
         }
         Ok(Some(places))
     }
@@ -436,6 +439,9 @@ impl Stage for Esp301 {
         }
         loop {
             let was_stopped = orders.stopped();
+            if was_stopped {
+                axes.iter().for_each(|axis| self.sent_mm[axis.index()] = None);
+            }
             if let Some(places_mm) = self.at_rest(doing, axes, orders).await?
                 && orders.stopped() == was_stopped
             {
