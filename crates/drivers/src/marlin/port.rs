@@ -168,8 +168,7 @@ impl MarlinPort {
                 Answer::Restarted => return Err(self.lost(doing)),
                 Answer::None if Instant::now() >= until => {
                     self.in_doubt = true;
-                    let waited = silent(command, takes + ANSWER_DEADLINE).to_string();
-                    return Err(self.error(doing, DeviceProblem::Link(waited)));
+                    return Err(self.unanswered(doing, command, takes));
                 }
                 Answer::Taken | Answer::Again | Answer::None => {
                     self.drain(doing).await?;
@@ -218,7 +217,12 @@ impl MarlinPort {
                 Answer::Again | Answer::None => {}
             }
         }
-        Err(self.error(doing, DeviceProblem::Link(silent(command, takes + ANSWER_DEADLINE).to_string())))
+        Err(self.unanswered(doing, command, takes))
+    }
+
+    /// The error of a command that takes so long and wasn't answered.
+    fn unanswered(&self, doing: &str, command: &str, takes: Duration) -> DeviceError {
+        self.error(doing, DeviceProblem::Link(silent(command, takes + ANSWER_DEADLINE).to_string()))
     }
 
     async fn send_numbered(&mut self, doing: &str, command: &str) -> Result<(), DeviceError> {
@@ -295,7 +299,7 @@ impl MarlinPort {
         }
         match self.in_doubt {
             false => Ok(()),
-            true => Err(self.error(doing, DeviceProblem::Link(silent("M118", ANSWER_DEADLINE).to_string()))),
+            true => Err(self.unanswered(doing, "M118", Duration::ZERO)),
         }
     }
 

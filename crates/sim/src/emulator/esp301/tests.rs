@@ -288,7 +288,7 @@ fn a_relative_move_counts_from_the_commanded_place_whatever_it_is_called() {
     let done_s = bench.scene.motion(Axis::X).end_s() + 1e-6;
     assert_eq!(bench.say(done_s, "1MD?;1PR1"), "1");
     assert!((bench.true_mm(Axis::X, 20.0) - 3.5).abs() < 1e-9);
-    // home defined anew changes the count, and no way
+    // a new home changes the count, not how far a relative motion goes
     bench.say(20.0, "3DH;3PR-0.5");
     assert_eq!(bench.say(25.0, "3TP"), "-0.5000");
     assert_eq!(bench.true_mm(Axis::Z, 25.0), 9.75);
