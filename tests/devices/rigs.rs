@@ -1,15 +1,16 @@
 //! One recipe on every kind of rig: other controllers and converters give the same answers for the same specimen. See the numbers with
 //! `cargo test --release --test devices rigs:: -- --nocapture`.
 
-use palpate_core::quantity::{ArrayLayout, Axis, Place};
+use palpate_core::quantity::{ArrayLayout, Axis, Place, round, stream};
 use palpate_data::dataset::Recorded;
 use palpate_data::dataset::evaluate::Trial;
 use palpate_link::device::{AxisWay, DeviceProblem, Instruments, MotionOrders, Stage};
-use palpate_link::time::{Instant, sleep_until};
+use palpate_link::time::{Instant, sleep, sleep_until};
 use palpate_run::rig::{self, OpenRig};
 use palpate_sim::scene::{FaultKind, SceneFault};
 use palpate_testing::executions::run_virtually;
 use palpate_testing::{SMALL, TestFolder, campaign, exchanged, made_ready, shipped, shipped_text};
+use rand::RngExt;
 use std::time::Duration;
 
 /// The rig for comparison, and the others.
@@ -185,6 +186,44 @@ fn guard_ends_a_motion(rig: &str) {
         let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(1), &orders).await.expect("the way out");
         assert!((places_mm[0] - 10.0).abs() < 0.001, "{places_mm:?}");
     });
+}
+
+#[test]
+fn an_axis_that_was_stopped_anywhere_reaches_the_end_of_its_travel() {
+    // a stop leaves it between two values that the controller writes, and the end of the travel is the controller's own limit
+    for name in ["esp301", "xps", "grbl", "klipper", "marlin", "process", "ur"] {
+        let file = format!("rigs/{name}.toml");
+        let text = shipped_text(&file);
+        let spec = rig::parse(&file, &text, &|_| unreachable!("no map of its own")).expect("a rig").simulated();
+        run_virtually(async {
+            let never = MotionOrders::default();
+            let OpenRig { instruments: Instruments { mut stage, .. }, stage_use, .. } = spec.open(1).expect("drivers");
+            made_ready(&mut stage, &stage_use, &never).await.expect("a stage");
+            let end_mm = stage_use.travel.along(Axis::Z).end(stage_use.away);
+            let mut rng = stream(1, 0, "stops");
+            for _ in 0..campaign::size(100, 2000) {
+                let orders = MotionOrders::default();
+                let from_mm = stage.position_mm(Axis::Z, &never).await.expect("a place");
+                let way =
+                    AxisWay { axis: Axis::Z, from_mm, by_mm: stage_use.away * -round(rng.random_range(0.01..2.0), 4) };
+                stage
+                    .begin(&[way], rng.random_range(0.5..2.0), &orders)
+                    .await
+                    .unwrap_or_else(|error| panic!("{name}: {error}"));
+                sleep(Duration::from_secs_f64(rng.random_range(0.01..1.5))).await;
+                orders.stop();
+                let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(2), &orders).await.expect("a stop");
+                let up = AxisWay::between(Axis::Z, places_mm[0], end_mm);
+                stage.begin(&[up], 5.0, &never).await.unwrap_or_else(|error| panic!("{name}: {error}"));
+                let time = Duration::from_secs_f64(up.by_mm.abs() / 5.0 + 0.2);
+                let places_mm = stage.follow(&[Axis::Z], time, &never).await.expect("its end");
+                let complaints = stage.complaints().await.expect("an answer");
+                assert_eq!(complaints, Vec::<String>::new(), "{name}: {:?} of {end_mm} mm", places_mm);
+                let most_mm = spec.stage.steps.in_position_mm(Axis::Z);
+                assert!((places_mm[0] - end_mm).abs() <= most_mm, "{name}: {places_mm:?} of {end_mm} mm");
+            }
+        });
+    }
 }
 
 #[test]

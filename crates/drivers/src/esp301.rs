@@ -4,6 +4,7 @@
 //! answer. So their result is read from `MD?`, the read-back and the error queue.
 
 use super::MOTION_MARGIN;
+use super::clear::{CLEARING_Z, clear_z};
 use palpate_core::quantity::{Axis, Range, round, seconds};
 use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep_until};
@@ -15,9 +16,6 @@ const ANSWER_DEADLINE: Duration = Duration::from_secs(6);
 
 /// Longest search for home: 25 mm at a home speed of 1 mm/s, twice, and a margin.
 const HOME_DEADLINE: Duration = Duration::from_secs(90);
-
-/// Largest distance of z from its target end before x and y are homed, mm.
-const AWAY_MM: f64 = 0.01;
 
 /// Largest distance between the end of z and the reported position at the limit where z was homed, mm. A controller that gives
 /// this position another value would press where the specimen isn't expected.
@@ -56,8 +54,10 @@ const FIRMWARE_SOUND: [u32; 3] = [1, 1, 1];
 pub struct Esp301 {
     line: LineExchange,
     link: String,
-    /// Use of the stage, which limits the travel of the axes; `None` before the stage is prepared.
+    /// Use of the stage, which limits the travel of the axes; `None` before z is at home.
     usage: Option<StageUse>,
+    /// The axes that are homed, so that their count has a meaning.
+    counts: [bool; 3],
     /// Fastest answer of the press so far. A question sent this time before the end of a motion finds the motion ended.
     quickest: Duration,
     /// Unreported errors from the error queue, oldest first.
@@ -78,6 +78,7 @@ impl Esp301 {
             line,
             link,
             usage: None,
+            counts: [false; 3],
             quickest: ANSWER_DEADLINE,
             complaints: Vec::new(),
             stopped: false,
@@ -109,7 +110,8 @@ impl Esp301 {
         let questions = |name: &'static str| axes.iter().map(move |&axis| format!("{}{name}", number(axis)));
         let travels = axes.iter().map(|&axis| self.reach(axis)).collect::<Vec<_>>();
         // also where each was sent (manual, page DP): the controller rounds each displacement to counts, and the sum isn't known
-        let (commanded, count) = if self.usage.is_some() { (axes.len(), 3) } else { (0, 2) };
+        let counts = axes.iter().all(|axis| self.counts[axis.index()]);
+        let (commanded, count) = if counts { (axes.len(), 3) } else { (0, 2) };
         let question = questions("MD?").chain(questions("TP")).chain(questions("DP?").take(commanded));
         let question = question.collect::<Vec<_>>().join(";") + ";TB?";
         let read = |answers: &[String]| {
@@ -180,9 +182,9 @@ impl Esp301 {
         Err(self.error(doing, DeviceProblem::Misfit { answer: answers.join(", "), expected }))
     }
 
-    /// Range of possible positions of an axis.
+    /// Range of possible positions of an axis. Before all are homed there is none: home may be outside the rig's travel.
     fn reach(&self, axis: Axis) -> Option<Range> {
-        self.usage.as_ref().map(|usage| usage.reach(axis))
+        self.usage.as_ref().filter(|_| self.counts == [true; 3]).map(|usage| usage.reach(axis))
     }
 
     async fn check_axis(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
@@ -230,23 +232,6 @@ impl Esp301 {
         Ok(())
     }
 
-    /// Moves z away from the specimen before x and y are homed, because z may already be homed and in contact. If z refuses to
-    /// home or isn't at its target, it returns an error before anything moves sideways.
-    async fn clear_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
-        let doing = "moving z away from the specimen";
-        let end_mm = usage.travel.along(Axis::Z).end(usage.away);
-        let way = AxisWay::between(Axis::Z, self.position_mm(Axis::Z, orders).await?, end_mm);
-        self.begin(&[way], usage.home_speed_mm_s, orders).await?;
-        self.follow(&[Axis::Z], seconds(way.by_mm.abs() / usage.home_speed_mm_s), orders).await?;
-        let at_mm = self.position_mm(Axis::Z, &MotionOrders::default()).await?;
-        self.no_complaints(doing).await?;
-        if (at_mm - end_mm).abs() > AWAY_MM {
-            let text = format!("z was commanded to {end_mm:.4} mm but is at {at_mm:.4} mm");
-            return Err(self.error(doing, DeviceProblem::Motion(text)));
-        }
-        Ok(())
-    }
-
     /// Whether the motor of an axis is on (manual, page MO).
     async fn is_on(&mut self, axis: Axis) -> Result<bool, DeviceError> {
         Ok(self.ask_number("homing", &format!("{}MO?", number(axis))).await? == 1.0)
@@ -256,6 +241,12 @@ impl Esp301 {
     /// doesn't show it: jogging from the front panel needs it on too.
     async fn is_homed(&mut self, axis: Axis, usage: &StageUse) -> Result<bool, DeviceError> {
         Ok(self.homed[axis.index()] || (usage.homed && self.is_on(axis).await?))
+    }
+
+    /// Notes that z is at home.
+    fn counts_z(&mut self, usage: &StageUse) {
+        self.usage = Some(usage.clone());
+        self.counts[Axis::Z.index()] = true;
     }
 
     async fn no_complaints(&mut self, doing: &str) -> Result<(), DeviceError> {
@@ -296,7 +287,7 @@ impl Stage for Esp301 {
             let expected = "an ESP300 or ESP301 version".to_owned();
             return Err(self.error(doing, DeviceProblem::Misfit { answer: version, expected }));
         }
-        self.usage = None; // before homing its count has no meaning
+        (self.usage, self.counts) = (None, [false; 3]); // before homing a count has no meaning
         // an earlier program may have left a motion, and a position is valid only at rest
         self.stop().await?;
         self.follow(&Axis::ALL, Duration::ZERO, &MotionOrders::default()).await?;
@@ -331,6 +322,7 @@ impl Stage for Esp301 {
     async fn home_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
         self.set_acceleration(usage).await?;
         if self.is_homed(Axis::Z, usage).await? {
+            self.counts_z(usage);
             return Ok(true);
         }
         let home_mm = usage.home_z_mm;
@@ -344,6 +336,7 @@ impl Stage for Esp301 {
             );
             return Err(self.error("homing", DeviceProblem::Mismatch(text)));
         }
+        self.counts_z(usage);
         Ok(true)
     }
 
@@ -351,7 +344,12 @@ impl Stage for Esp301 {
         self.home_z(usage, orders).await?;
         for axis in [Axis::X, Axis::Y] {
             if !self.is_homed(axis, usage).await? {
-                self.clear_z(usage, orders).await?;
+                // z may already be homed and in contact; if it refuses, nothing moves sideways
+                let problem = clear_z(self, usage, orders).await?;
+                self.no_complaints(CLEARING_Z).await?;
+                if let Some(problem) = problem {
+                    return Err(self.error(CLEARING_Z, problem));
+                }
                 self.search(axis, 1, HOME_MARK_MM, usage, orders).await?;
             }
         }
@@ -359,7 +357,7 @@ impl Stage for Esp301 {
             self.set_soft_limits(axis, usage).await?;
         }
         self.no_complaints("preparing it").await?;
-        self.usage = Some(usage.clone());
+        self.counts = [true; 3];
         Ok(())
     }
 
@@ -367,7 +365,8 @@ impl Stage for Esp301 {
         // relative to where the axis was sent (manual, page PR), which is near where it was read back
         let by_mm = |way: &AxisWay| {
             let sent_mm = self.sent_mm[way.axis.index()].filter(|sent_mm| (sent_mm - way.from_mm).abs() <= SENT_MM);
-            sent_mm.map_or(way.by_mm, |sent_mm| round(way.to_mm() - sent_mm, 5))
+            let usage = self.usage.as_ref();
+            sent_mm.zip(usage).map_or(way.by_mm, |(sent_mm, usage)| usage.from_count(way, sent_mm, COUNT_MM))
         };
         let by_mm: Vec<f64> = ways.iter().map(by_mm).collect();
         let command = |(way, by_mm): (&AxisWay, &f64)| {

@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 mod any;
+mod clear;
 pub mod daqmx;
 mod esp301;
 pub mod grbl;

@@ -12,7 +12,7 @@ const STEP_MOST_MM: f64 = 0.005;
 const ALWAYS_ON: f64 = 255.0;
 
 /// Tolerance of a comparison of distances that a board rounds to three decimals, mm.
-const ROUNDING_MM: f64 = 0.001;
+pub(super) const ROUNDING_MM: f64 = 0.001;
 
 /// Numbers of the settings (settings document).
 const IDLE_DELAY_MS: u32 = 1;

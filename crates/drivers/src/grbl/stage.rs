@@ -3,7 +3,7 @@
 use super::firmware::{Build, GrblFirmware};
 use super::port::{ANSWER_DEADLINE, GrblPort, JOG_CANCEL, SOFT_RESET};
 use super::report::{GrblState, GrblStatus};
-use super::settings::{FLUIDNC_IDLE, FLUIDNC_INCHES, ReportedSettings};
+use super::settings::{FLUIDNC_IDLE, FLUIDNC_INCHES, ROUNDING_MM, ReportedSettings};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, round, seconds};
 use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
@@ -293,7 +293,7 @@ impl Stage for Grbl {
             let sent_mm = self.sent_mm.map(|sent_mm| sent_mm[nth]);
             let most_mm = usage.steps.in_position_mm(way.axis);
             let sent_mm = sent_mm.filter(|sent_mm| !is_leaving && (sent_mm - way.from_mm).abs() <= most_mm);
-            by_mm[nth] = sent_mm.map_or(way.by_mm, |sent_mm| way.to_mm() - sent_mm);
+            by_mm[nth] = usage.from_count(way, sent_mm.unwrap_or(way.from_mm), ROUNDING_MM);
         }
         let words = |way: &AxisWay| format!("{}{:.5}", way.axis.name().to_uppercase(), by_mm[way.axis.index()]);
         let words = ways.iter().map(words).collect::<Vec<_>>().join(" ");

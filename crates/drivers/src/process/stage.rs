@@ -106,16 +106,17 @@ impl Stage for ProcessStage {
             return Err(self.port.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
         };
         usage.check(ways).map_err(|problem| self.port.error(doing, problem))?;
-        let of = |mm: fn(&AxisWay) -> f64| -> JsonObject {
+        let of = |mm: &dyn Fn(&AxisWay) -> f64| -> JsonObject {
             ways.iter().map(|way| (way.axis.name().to_owned(), json!(mm(way)))).collect()
         };
-        let mut request = json!({ "by_mm": of(|way| way.by_mm), "speed_mm_s": speed_mm_s });
+        let by_mm = |way: &AxisWay| usage.from_count(way, way.from_mm, REPORT_ROUNDING_MM);
+        let mut request = json!({ "by_mm": of(&by_mm), "speed_mm_s": speed_mm_s });
         // the way out is open from anywhere
         if !usage.is_leaving(ways) {
             let position_mm = self.status(doing, Some(orders)).await?.position_mm;
             let rests = usage.check_rest(ways, position_mm, REPORT_ROUNDING_MM);
             rests.map_err(|problem| self.port.error(doing, problem))?;
-            request["from_mm"] = json!(of(|way| way.from_mm));
+            request["from_mm"] = json!(of(&|way| way.from_mm));
         }
         let request = request.as_object().cloned().unwrap_or_default();
         if orders.stopped() {

@@ -40,8 +40,11 @@ impl Xps {
                 }
             };
             // near where it was read back; otherwise somebody else set another place or zero
-            let is_near = (sent_mm - way.from_mm).abs() <= SENT_MM;
-            all.push(if is_near { AxisWay { from_mm: sent_mm, by_mm: way.to_mm() - sent_mm, ..*way } } else { *way });
+            let near = self.usage.as_ref().filter(|_| (sent_mm - way.from_mm).abs() <= SENT_MM);
+            all.push(near.map_or(*way, |usage| {
+                let by_mm = usage.from_count(way, sent_mm, 0.0);
+                AxisWay { axis: way.axis, from_mm: sent_mm, by_mm }
+            }));
         }
         let axes: Vec<Axis> = ways.iter().map(|way| way.axis).collect();
         let motion = |nth: usize| {

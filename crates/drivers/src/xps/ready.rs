@@ -4,8 +4,9 @@ use super::CALL_DEADLINE;
 use super::stage::Xps;
 use super::text::{GroupState, XpsReply};
 use crate::MOTION_MARGIN;
-use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, MotionOrder, MotionOrders, Stage, StageUse};
+use crate::clear::{CLEARING_Z, clear_z};
+use palpate_core::quantity::Axis;
+use palpate_link::device::{DeviceError, DeviceProblem, MotionOrder, MotionOrders, StageUse};
 use palpate_link::time::{Instant, sleep};
 use std::time::Duration;
 
@@ -15,10 +16,6 @@ const HOME_DEADLINE: Duration = Duration::from_secs(120);
 /// Rest between killing, initialising and homing a group, required by some firmware (EPICS waits as long).
 const BETWEEN: Duration = Duration::from_millis(50);
 
-/// Largest distance from the end of its travel at which z counts as away, mm.
-const AWAY_MM: f64 = 0.1;
-
-/// Preparation before the first motion: groups that are ready, and limits that agree with the rig's.
 /// Largest difference of two limits of a travel that are the same, mm.
 const SAME_LIMIT_MM: f64 = 0.001;
 
@@ -64,7 +61,10 @@ impl Xps {
             _ => {}
         }
         if nth > 0 {
-            self.clear_z(usage, orders).await?;
+            // its group may have been homed before, and z may be in contact
+            if let Some(problem) = clear_z(self, usage, orders).await? {
+                return Err(self.error(CLEARING_Z, problem));
+            }
         }
         if state != GroupState::NotReferenced {
             // from the state after an earlier fault
@@ -80,21 +80,6 @@ impl Xps {
                 Err(self.error("homing", DeviceProblem::Motion(format!("the group is {state:?} after its search"))))
             }
         }
-    }
-
-    /// Moves z to the end of its travel that is away from the specimen, before another group searches for home. z's group may
-    /// have been homed before, and z may be in contact. If z isn't at its target, nothing moves sideways.
-    async fn clear_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
-        let end_mm = usage.travel.along(Axis::Z).end(usage.away);
-        let way = AxisWay::between(Axis::Z, self.position_mm(Axis::Z, orders).await?, end_mm);
-        self.begin(&[way], usage.home_speed_mm_s, orders).await?;
-        self.follow(&[Axis::Z], seconds(way.by_mm.abs() / usage.home_speed_mm_s), orders).await?;
-        let at_mm = self.position_mm(Axis::Z, &MotionOrders::default()).await?;
-        if (at_mm - end_mm).abs() > AWAY_MM {
-            let text = format!("z was commanded to {end_mm:.4} mm but is at {at_mm:.4} mm");
-            return Err(self.error("moving z away from the specimen", DeviceProblem::Motion(text)));
-        }
-        Ok(())
     }
 
     /// Sends a call that is answered when its operation has ended. A stop kills the group, which is an error.

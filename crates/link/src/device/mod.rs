@@ -72,7 +72,7 @@ impl StageUse {
         if self.is_leaving(ways) {
             return Ok(());
         }
-        match ways.iter().find(|way| !self.travel.along(way.axis).contains(way.to_mm())) {
+        match ways.iter().find(|way| !self.travel.along(way.axis).widened(WAY_MM).contains(way.to_mm())) {
             None => Ok(()),
             Some(way) => {
                 let (name, to_mm) = (way.axis.name(), way.to_mm());
@@ -102,6 +102,21 @@ impl StageUse {
         }
     }
 
+    /// Returns how far an axis goes from where its controller has it, mm. A way to an end of the travel ends as much before it as the
+    /// controller's count is uncertain: the end is its own limit, and it refuses a motion that a rounding leads beyond.
+    pub fn from_count(&self, way: &AxisWay, count_mm: f64, rounding_mm: f64) -> f64 {
+        let rounding_mm = rounding_mm.max(WAY_MM);
+        let (to_mm, Range { min, max }) = (way.to_mm(), self.travel.along(way.axis));
+        let end_mm = if (to_mm - min).abs() < rounding_mm {
+            min + rounding_mm
+        } else if (max - to_mm).abs() < rounding_mm {
+            max - rounding_mm
+        } else {
+            to_mm
+        };
+        round(end_mm - count_mm, WAY_DECIMALS)
+    }
+
     /// Whether a motion only leads away from the specimen.
     pub fn is_leaving(&self, ways: &[AxisWay]) -> bool {
         ways.iter().all(|way| way.by_mm == 0.0 || (way.axis == Axis::Z && way.by_mm * self.away > 0.0))
@@ -124,6 +139,8 @@ pub struct AxisWay {
 
 /// Decimals of places and displacements. Displacements between rounded places add up without an error.
 const WAY_DECIMALS: i32 = 5;
+/// Rounding of the end of a way between places that have more decimals, mm.
+const WAY_MM: f64 = 1e-5;
 /// Decimals of the end of a way: the sum of two numbers has an error of its own.
 const TO_DECIMALS: i32 = 9;
 

@@ -64,7 +64,7 @@ async fn with_two_groups_z_homes_and_moves_away_before_the_other_homes() {
             &[
                 (b"GroupInitialize(Z)", b"0,,EndOfAPI"),
                 (b"GroupHomeSearch(Z)", b"0,,EndOfAPI"),
-                (b"GroupMoveRelative(Z.Pos,12.500000)", b"0,,EndOfAPI"),
+                (b"GroupMoveRelative(Z.Pos,12.495000)", b"0,,EndOfAPI"),
             ],
             &[(b"GroupMoveAbort(Z)", b"-22,GroupMoveAbort(Z),EndOfAPI")],
             &[(b"GroupHomeSearch(XY)", b"0,,EndOfAPI")],
@@ -130,7 +130,7 @@ async fn no_axis_homes_while_z_is_not_away() {
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,3,EndOfAPI"),
                 (b"GroupPositionCurrentGet(Z.Pos,double *)", b"0,3,EndOfAPI"),
             ],
-            &[(b"GroupMoveRelative(Z.Pos,13.500000)", b"0,,EndOfAPI")],
+            &[(b"GroupMoveRelative(Z.Pos,13.495000)", b"0,,EndOfAPI")],
             &[],
             &[],
             &[],
@@ -138,7 +138,7 @@ async fn no_axis_homes_while_z_is_not_away() {
         None,
     );
     let text = stage.bring_to_ready(1, &usage(), &MotionOrders::default()).await.unwrap_err().to_string();
-    assert!(text.contains("z was commanded to 12.5000 mm but is at 3.0000 mm"), "{text}");
+    assert!(text.contains("z was commanded to 12.4950 mm but is at 3.0000 mm"), "{text}");
     done(stage, devices).await;
 }
 

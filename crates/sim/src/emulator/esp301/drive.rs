@@ -159,8 +159,8 @@ impl Drive {
     pub(super) fn go_to(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.may_move()?;
         let fault = match count_mm {
-            right if right > self.right_limit_count_mm => Some(AxisFault::PLUS_SOFTWARE_LIMIT),
-            left if left < self.left_limit_count_mm => Some(AxisFault::MINUS_SOFTWARE_LIMIT),
+            right if right > self.right_limit_count_mm + ROUNDING_MM => Some(AxisFault::PLUS_SOFTWARE_LIMIT),
+            left if left < self.left_limit_count_mm - ROUNDING_MM => Some(AxisFault::MINUS_SOFTWARE_LIMIT),
             _ => None,
         };
         match fault {
