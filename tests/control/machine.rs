@@ -6,7 +6,7 @@ use palpate_control::{
     NoLoadReadings, OverTime, Permit, Permitted, PressLevel, PressTask, SafetyRule, SetPoint, Shot, Softest, Steer,
     Strategy, Timing, Zero, safe_speed_mm_s,
 };
-use palpate_core::quantity::{Axis, Limits, Place, RandomStream, Steps, stream};
+use palpate_core::quantity::{Axis, Limits, Place, RandomStream, StageBounds, Steps, stream};
 use palpate_testing::campaign;
 use rand::RngExt;
 use std::collections::BTreeMap;
@@ -80,7 +80,7 @@ fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> MachineDraw {
     let share = STEP_SHARE * 10f64.powf(stream(seed, 0, "steps").random_range(-2.0..0.0));
     let step_mm = (share * limits.force_n / limits.stiffness_n_mm).min(0.05);
     let steps = if seed % 4 < 2 { Steps::FINE } else { Steps { mm: [0.0, 0.0, step_mm] } };
-    let permit = Permit::new(limits, reaction_s, acceleration_mm_s2, &zero).on(steps);
+    let permit = Permit::new(limits, StageBounds { steps, ..StageBounds::fine(acceleration_mm_s2) }, reaction_s, &zero);
     let place = Place::new(rng.random_range(-6.0..6.0), rng.random_range(-6.0..6.0));
     let task = task(rng, &limits);
     let map = learned_curve(rng, &limits, truthful);

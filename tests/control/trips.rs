@@ -1,7 +1,7 @@
 //! Refusals, end to end: a specimen, a surface or a load cell that isn't as declared ends a run with a trip, and NaN gets no permit.
 
 use palpate_control::{MotionContext, Permit, SafetyRule, Zero};
-use palpate_core::quantity::Limits;
+use palpate_core::quantity::{Limits, StageBounds};
 use palpate_data::dataset::Status;
 use palpate_sim::scene::LoadCellScene;
 use palpate_testing::safety::{COUNT_N, SafetyBench, linear, recipe, rig_with, truthful};
@@ -83,7 +83,7 @@ fn cell_beyond_its_range_without_load_trips_and_the_trip_is_recorded() {
 
 fn permit() -> Permit {
     let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
-    Permit::new(limits, 0.05, 100.0, &Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) })
+    Permit::new(limits, StageBounds::fine(100.0), 0.05, &Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) })
 }
 
 #[test]
@@ -97,7 +97,7 @@ fn contact_above_the_learned_surface_counts_from_its_place() {
     // with force to spare the depth limit decides, and it counts from here at the latest
     let limits = Limits { force_n: 50.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let zero = Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) };
-    let depth_mm = Permit::new(limits, 0.05, 100.0, &zero).deepest_mm(&sensor_state) + 0.2;
+    let depth_mm = Permit::new(limits, StageBounds::fine(100.0), 0.05, &zero).deepest_mm(&sensor_state) + 0.2;
     assert!(depth_mm <= 1.6, "{depth_mm} mm");
 }
 

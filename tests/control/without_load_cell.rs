@@ -5,16 +5,18 @@
 use palpate_core::quantity::{Axis, Place, stream};
 use palpate_run::rig::{self, RigSpec};
 use palpate_sim::scene::{ContactLaw, FaultKind, Mounting, SceneFault};
-use palpate_testing::campaign;
-use palpate_testing::executions::{
-    Deaths, end_of, executed_with, in_parallel, must_be_none, plan, rig_without_load_cell,
-};
+use palpate_testing::executions::{Deaths, end_of, executed_with, in_parallel, must_be_none, plan, without_load_cell};
 use palpate_testing::wire::{WireFault, put_on_wire};
+use palpate_testing::{campaign, shipped_text};
 use rand::RngExt;
 use std::collections::BTreeMap;
 
 /// Runs of each way to find the surface, in the quick and in the full tier.
 const RUNS: (usize, usize) = (64, 5000);
+const RUNS_OF_PRINTER: (usize, usize) = (64, 1000);
+
+/// The rig of most runs. A printer has steps, and can't stop.
+const SIM: &str = "rigs/sim.toml";
 
 /// Largest error of the frame, mm.
 const FRAME_OFF_MM: f64 = 2.0;
@@ -71,26 +73,26 @@ struct Outcome {
     end: &'static str,
 }
 
-fn specimen(found_by: FoundBy, times: f64) -> RigSpec {
-    let text = match found_by {
-        FoundBy::LoadCell => include_str!("../../rigs/sim.toml").to_owned(),
-        FoundBy::Array | FoundBy::Person => rig_without_load_cell(),
-    };
-    let mut spec = rig::parse("rig.toml", &text, &|_| unreachable!()).expect("a sound rig");
+fn specimen(found_by: FoundBy, rig: &str, times: f64) -> RigSpec {
+    let text = shipped_text(rig);
+    let text = if found_by == FoundBy::LoadCell { text } else { without_load_cell(&text) };
+    let mut spec = rig::parse("rig.toml", &text, &|_| unreachable!()).expect("a sound rig").simulated();
     spec.is_touched = found_by == FoundBy::Person;
-    let z = &mut spec.stage.travel.axes[Axis::Z.index()];
-    spec.stage.home_z_mm = Some(z.max); // the limit is where it was
-    z.max = Z_MOST_MM;
+    if rig == SIM {
+        let z = &mut spec.stage.travel.axes[Axis::Z.index()];
+        spec.stage.home_z_mm = Some(z.max); // the limit is where it was
+        z.max = Z_MOST_MM;
+    }
     let linear_n_mm = times * spec.limits.stiffness_n_mm;
     spec.scene.contact = ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
     spec.scene.relaxation.clear();
     spec
 }
 
-fn run(seed: u64, found_by: FoundBy) -> Outcome {
+fn run(seed: u64, found_by: FoundBy, rig: &str) -> Outcome {
     let mut rng = stream(seed, 0, "runs without a load cell");
     let times = STIFFER[seed as usize % STIFFER.len()];
-    let mut spec = specimen(found_by, times);
+    let mut spec = specimen(found_by, rig, times);
     // a person's confirmed value is right within its uncertainty; an array that feels needs no right frame
     let off_mm = if found_by == FoundBy::Person { spec.frame.uncertainty_mm } else { FRAME_OFF_MM };
     let off_mm = rng.random_range(-off_mm..=off_mm);
@@ -131,9 +133,9 @@ fn run(seed: u64, found_by: FoundBy) -> Outcome {
 }
 
 /// Makes the runs, and checks that the force stays within the limit, or within the multiple by which the specimen is stiffer.
-fn must_stay_within(found_by: FoundBy) {
-    let seeds: Vec<u64> = (0..campaign::size(RUNS.0, RUNS.1) as u64).collect();
-    let outcomes = in_parallel(&seeds, |&seed| run(seed, found_by));
+fn must_stay_within(found_by: FoundBy, rig: &str, runs: (usize, usize)) {
+    let seeds: Vec<u64> = (0..campaign::size(runs.0, runs.1) as u64).collect();
+    let outcomes = in_parallel(&seeds, |&seed| run(seed, found_by, rig));
     let broken = seeds.iter().zip(&outcomes).filter_map(|(seed, outcome)| {
         let Outcome { wrong, times, force_n, limit_n, end, .. } = outcome;
         let is_cell_live = found_by == FoundBy::LoadCell && !wrong.is_of_cell();
@@ -163,15 +165,21 @@ fn must_stay_within(found_by: FoundBy) {
 
 #[test]
 fn no_force_is_over_the_limit_where_the_array_feels_the_surface() {
-    must_stay_within(FoundBy::Array);
+    must_stay_within(FoundBy::Array, SIM, RUNS);
 }
 
 #[test]
 fn no_force_is_over_the_limit_inside_the_uncertainty_of_a_confirmed_surface() {
-    must_stay_within(FoundBy::Person);
+    must_stay_within(FoundBy::Person, SIM, RUNS);
 }
 
 #[test]
 fn no_force_of_a_press_by_depth_is_over_the_limit_with_a_load_cell() {
-    must_stay_within(FoundBy::LoadCell);
+    must_stay_within(FoundBy::LoadCell, SIM, RUNS);
+}
+
+#[test]
+fn no_force_is_over_the_limit_on_a_printer_without_a_load_cell() {
+    must_stay_within(FoundBy::Array, "rigs/marlin.toml", RUNS_OF_PRINTER);
+    must_stay_within(FoundBy::Person, "rigs/marlin.toml", RUNS_OF_PRINTER);
 }

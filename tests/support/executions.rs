@@ -63,7 +63,11 @@ pub fn bench_with_taxels(name: &str) -> RigSpec {
 
 /// The text of the simulated rig, without its load cell.
 pub fn rig_without_load_cell() -> String {
-    let text = include_str!("../../rigs/sim.toml");
+    without_load_cell(include_str!("../../rigs/sim.toml"))
+}
+
+/// The text of a rig, without its load cell.
+pub fn without_load_cell(text: &str) -> String {
     let (before, cell) = text.split_once("[load_cell]").expect("it has one");
     let after = cell.find("\n[").map_or("", |at| &cell[at..]);
     format!("load_cell = \"none\"\n{before}{after}")

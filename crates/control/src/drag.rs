@@ -1,18 +1,12 @@
 //! Drags: motions of x and y in contact. Recipe and rig both name them, and only a load cell with three axes allows them.
 
-use super::permit::{DEPTH_MARGIN_MM, Permit};
+use super::permit::{DEPTH_MARGIN_MM, FRESH_S, Permit, SPEED_LEAST_MM_S};
 use super::trip::{SafetyRule, Trip};
 use palpate_core::quantity::{Axis, Limits, Place};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Largest slope of a surface: a rig with a tilt of more than 5 degrees is refused.
 const SLOPE_MOST: f64 = 0.0875;
-
-/// Largest age of a reading on which a drag may depend, s.
-const FRESH_S: f64 = 0.25;
-
-/// Slowest drag, mm/s.
-const SPEED_LEAST_MM_S: f64 = 1e-4;
 
 /// Part of the ratio of the forces, sideways over pressing, that remains after a slip at most, and its least fall in sd of a reading.
 const SLIP_SHARE: f64 = 0.8;
@@ -299,6 +293,7 @@ pub(crate) fn least_after_n(force_n: f64, limits: &Limits, way_mm: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::Zero;
+    use palpate_core::quantity::StageBounds;
     use proptest::prelude::*;
 
     const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
@@ -307,7 +302,7 @@ mod tests {
         DragContext { force_n: 1.0, sigma_n: 0.0, side_n: [0.0; 2], side_sigma_n: 0.0, age_s: 0.01, depth_mm: 0.4 };
 
     fn permit(drag: Option<DragLimits>) -> Permit {
-        Permit::new(LIMITS, 0.05, 100.0, &Zero::with_noise(0.003)).with_drags(drag)
+        Permit::new(LIMITS, StageBounds::fine(100.0), 0.05, &Zero::with_noise(0.003)).with_drags(drag)
     }
 
     fn along_x(x_mm: f64) -> Drag {
@@ -335,6 +330,10 @@ mod tests {
         assert!(slippery.drag(&pressed, &along_x(0.5)).is_err(), "1.99 and 0.75 N are 2.12 N");
         let relaxed = DragContext { depth_mm: 0.98, ..AT_1_N };
         assert!(slippery.drag(&relaxed, &along_x(0.5)).is_err(), "0.98 mm on a fresh spot are 1.96 N");
+        assert_eq!(refused(DragContext { side_sigma_n: 0.1, ..AT_1_N }, 0.52), Some(SafetyRule::NotPermitted), "3 sd");
+        assert!(slippery.drag(&AT_1_N, &along_x(0.5)).is_ok(), "1.09 and 0.55 N");
+        let noisy = DragContext { sigma_n: 0.3, ..AT_1_N };
+        assert!(slippery.drag(&noisy, &along_x(0.5)).is_err(), "1.99 and 0.76 N with 3 sd");
         assert_eq!(refused(DragContext { age_s: 0.3, ..AT_1_N }, 0.1), Some(SafetyRule::Stale));
         assert_eq!(refused(DragContext { depth_mm: 1.57, ..AT_1_N }, 0.1), Some(SafetyRule::NotPermitted));
         for wrong in [
@@ -348,6 +347,16 @@ mod tests {
         ] {
             assert!(refused(wrong, 0.1).is_some(), "{wrong:?}");
         }
+    }
+
+    #[test]
+    fn a_drag_ends_within_the_depth_limit_after_the_largest_slope() {
+        let (limits, most) = (Limits { stiffness_n_mm: 1.0, ..LIMITS }, DragLimits { friction: 0.2, ..MOST });
+        let permit =
+            Permit::new(limits, StageBounds::fine(100.0), 0.05, &Zero::with_noise(0.003)).with_drags(Some(most));
+        let deep = DragContext { depth_mm: 1.5, ..AT_1_N };
+        assert!(permit.drag(&deep, &along_x(0.5)).is_ok(), "1.5 + 0.0875 * 0.5 mm are 1.544 of 1.57 mm");
+        assert!(permit.drag(&deep, &along_x(1.0)).is_err(), "1.588 mm");
     }
 
     proptest! {

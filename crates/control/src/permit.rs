@@ -4,17 +4,17 @@ use super::drag::DragLimits;
 use super::speed::safe_speed_mm_s;
 use super::trip::{SafetyRule, Trip};
 use super::zero::Zero;
-use palpate_core::quantity::{Axis, Limits, Steps};
+use palpate_core::quantity::{Axis, Limits, StageBounds, Steps};
 
 /// Part of the depth limit that is reserved for the error of the touched surface, mm.
 pub const DEPTH_MARGIN_MM: f64 = 0.03;
 
 /// Largest age of a reading on which a motion may depend, s. Between the reading and the motion, an ESP301 takes up to 80 ms for
 /// the read-back.
-const FRESH_S: f64 = 0.25;
+pub(crate) const FRESH_S: f64 = 0.25;
 
 /// Slowest motion that is commanded, mm/s. Below it the speed would be lost in a controller's number format.
-const SPEED_LEAST_MM_S: f64 = 1e-4;
+pub(crate) const SPEED_LEAST_MM_S: f64 = 1e-4;
 
 /// Allowed rounding of a motion, mm.
 const ROUNDING_MM: f64 = 1e-9;
@@ -100,43 +100,18 @@ pub struct Permit {
     /// What the rig allows in a drag; `None`: none.
     pub(crate) drag: Option<DragLimits>,
     reaction_s: f64,
-    acceleration_mm_s2: f64,
     detect_n: f64,
     /// Standard deviation of one reading, N.
     sigma_n: f64,
-    /// Steps of the stage, which end a motion deeper than its target.
-    steps: Steps,
-    /// Whether the stage finishes every motion that it accepted.
-    finishes: bool,
+    stage: StageBounds,
 }
 
 impl Permit {
-    /// Creates the permit of a rig from its limits, its measured reaction time, its acceleration, and the force that counts as
-    /// contact.
-    pub fn new(limits: Limits, reaction_s: f64, acceleration_mm_s2: f64, zero: &Zero) -> Self {
-        Permit {
-            limits,
-            drag: None,
-            reaction_s,
-            acceleration_mm_s2,
-            detect_n: zero.detect_n(),
-            sigma_n: zero.sigma_n,
-            steps: Steps::FINE,
-            finishes: false,
-        }
-    }
-
-    /// Returns the permit for a stage with these steps. Every motion may then end deeper than its target, and the position from
-    /// which it begins may be deeper than it was read back: together by [`Steps::reserve_mm`].
-    #[must_use]
-    pub fn on(self, steps: Steps) -> Self {
-        Permit { steps, ..self }
-    }
-
-    /// Returns the permit for a stage that can't be stopped: each approach then ends where a contact adds no more than a touch.
-    #[must_use]
-    pub fn finishing(self, finishes: bool) -> Self {
-        Permit { finishes, ..self }
+    /// Creates the permit of a rig from its limits, its stage, its measured reaction time, and the force that counts as contact. On a stage
+    /// with steps every motion may end deeper than its target, and the position from which it begins may be deeper than it was read back:
+    /// together by [`Steps::reserve_mm`]. On a stage that can't be stopped each approach ends where a contact adds no more than a touch.
+    pub fn new(limits: Limits, stage: StageBounds, reaction_s: f64, zero: &Zero) -> Self {
+        Permit { limits, drag: None, reaction_s, detect_n: zero.detect_n(), sigma_n: zero.sigma_n, stage }
     }
 
     /// Returns the permit of a rig that allows these drags.
@@ -147,7 +122,7 @@ impl Permit {
 
     /// Steps of the stage.
     pub fn steps(&self) -> Steps {
-        self.steps
+        self.stage.steps
     }
 
     /// Returns the deepest end point that would be permitted, mm.
@@ -165,31 +140,31 @@ impl Permit {
         let room_n = self.limits.force_n - force_n - 3.0 * sigma_n;
         let by_force = z_mm.max(first_mm) + room_n.max(0.0) / self.limits.stiffness_n_mm;
         let by_depth = first_mm + self.limits.depth_mm - DEPTH_MARGIN_MM;
-        by_force.min(by_depth).min(most_mm) - self.steps.reserve_mm()
+        by_force.min(by_depth).min(most_mm) - self.stage.steps.reserve_mm()
     }
 
     /// Returns the longest way of one approach, mm, if nothing can stop it: a contact of the declared stiffness adds at most `force_n`.
     pub fn approach_way_mm(&self, force_n: f64) -> f64 {
-        if !self.finishes {
+        if !self.stage.finishes {
             return f64::INFINITY;
         }
-        (force_n / self.limits.stiffness_n_mm).max(self.steps.along(Axis::Z))
+        (force_n / self.limits.stiffness_n_mm).max(self.stage.steps.along(Axis::Z))
     }
 
     /// Returns the fastest approach, mm/s, that keeps the force at most `force_n` at an unexpected contact. A stage that can't be stopped
     /// has no reaction time: its way alone limits the force.
     pub fn approach_speed_mm_s(&self, force_n: f64) -> f64 {
-        if self.finishes {
+        if self.stage.finishes {
             return f64::INFINITY;
         }
         let room_n = force_n - self.detect_n;
-        safe_speed_mm_s(room_n, self.limits.stiffness_n_mm, self.reaction_s, self.acceleration_mm_s2)
+        safe_speed_mm_s(room_n, self.limits.stiffness_n_mm, self.reaction_s, self.stage.acceleration_mm_s2)
     }
 
     /// Returns the largest force at `z_mm`, N, of a contact no stiffer than declared (E+). The motion began at a position
     /// `from_mm` with a force `from_n`. If the contact pushes harder, it isn't the specimen that the limits were declared for.
     pub fn most_n(&self, (from_mm, from_n): (f64, f64), first_mm: f64, z_mm: f64) -> f64 {
-        let way_mm = (z_mm - from_mm.max(first_mm)).max(0.0) + self.steps.reserve_mm();
+        let way_mm = (z_mm - from_mm.max(first_mm)).max(0.0) + self.stage.steps.reserve_mm();
         from_n.max(0.0) + self.limits.stiffness_n_mm * way_mm + HARD_N.max(HARD_SIGMAS * self.sigma_n)
     }
 
@@ -228,7 +203,7 @@ impl Permit {
 
     /// Returns the deepest end point that would be permitted without a load cell, mm.
     pub fn deepest_without_force_mm(&self, first_mm: f64) -> f64 {
-        first_mm + depth_without_force_mm(&self.limits) - self.steps.reserve_mm()
+        first_mm + depth_without_force_mm(&self.limits) - self.stage.steps.reserve_mm()
     }
 
     /// Checks that the newest air differs from the earlier air by no more than a zero drifts in the time between (I4).
@@ -279,7 +254,7 @@ impl Permit {
 
     /// Returns the z at which x and y may move, mm, if contact is possible from `first_mm` on.
     pub fn clear_mm(&self, first_mm: f64) -> f64 {
-        first_mm - SIDEWAYS_MM - self.steps.reserve_mm()
+        first_mm - SIDEWAYS_MM - self.stage.steps.reserve_mm()
     }
 
     /// Force that counts as contact, N.
@@ -318,9 +293,15 @@ mod tests {
 
     const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
 
+    const STAGE: StageBounds = StageBounds::fine(100.0);
+
     fn permit() -> Permit {
+        permit_of(STAGE)
+    }
+
+    fn permit_of(stage: StageBounds) -> Permit {
         let zero = Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) };
-        Permit::new(LIMITS, 0.05, 100.0, &zero)
+        Permit::new(LIMITS, stage, 0.05, &zero)
     }
 
     #[test]
@@ -336,6 +317,56 @@ mod tests {
         assert!((permit().deepest_mm(&context) - 0.7).abs() < 1e-12);
         assert!(permit().advance(&context, 0.7, 1.0).is_ok());
         assert_eq!(permit().advance(&context, 0.71, 1.0).unwrap_err().rule, SafetyRule::NotPermitted);
+    }
+
+    const STEPS: Steps = Steps { mm: [0.0, 0.0, 0.02] };
+    /// In position 0.003 mm and half a step beyond a target, and read back half a step too high.
+    const RESERVE_MM: f64 = 0.003 + 0.01 + 0.01;
+
+    #[test]
+    fn end_points_leave_room_for_noise_an_old_force_and_steps() {
+        let stepped = permit_of(StageBounds { steps: STEPS, ..STAGE });
+        let context = |sigma_n: f64, most_mm: f64| MotionContext {
+            z_mm: 0.0,
+            force_n: 1.0,
+            sigma_n,
+            age_s: 0.0,
+            first_mm: -0.5,
+            most_mm,
+        };
+        for (permit, context, deepest_mm) in [
+            (permit(), context(0.0, f64::INFINITY), 0.5),
+            (permit(), context(0.1, f64::INFINITY), 0.35),
+            (permit(), context(0.1, 0.2), 0.2),
+            (stepped, context(0.1, f64::INFINITY), 0.35 - RESERVE_MM),
+        ] {
+            assert!((permit.deepest_mm(&context) - deepest_mm).abs() < 1e-12, "{context:?}");
+            assert!(permit.advance(&context, deepest_mm + 1e-6, 1.0).is_err(), "{context:?}");
+        }
+        assert!((permit().deepest_without_force_mm(-0.3) - 0.7).abs() < 1e-12);
+        assert!((stepped.deepest_without_force_mm(-0.3) - (0.7 - RESERVE_MM)).abs() < 1e-12);
+        assert!((permit().clear_mm(-0.3) + 0.33).abs() < 1e-12, "30 um above the highest surface");
+        assert!((stepped.clear_mm(-0.3) - (-0.33 - RESERVE_MM)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn stage_that_finishes_its_motions_approaches_in_short_ways() {
+        let finishes = permit_of(StageBounds { finishes: true, ..STAGE });
+        assert_eq!(permit().approach_way_mm(0.1), f64::INFINITY);
+        assert_eq!(finishes.approach_way_mm(0.1), 0.05);
+        let stepped = permit_of(StageBounds { steps: STEPS, finishes: true, ..STAGE });
+        assert_eq!(stepped.approach_way_mm(0.01), 0.02, "no less than a step");
+        assert!(permit().approach_speed_mm_s(0.1) < 2.0 && finishes.approach_speed_mm_s(0.1) == f64::INFINITY);
+    }
+
+    #[test]
+    fn contact_in_the_zero_and_a_way_out_toward_the_specimen_are_refused() {
+        assert_eq!(permit().nothing_in_contact(0.0075, 0.001, 0.0), Ok(()), "5 mN and 3 sd");
+        for moved_n in [0.0085, -0.0085, f64::NAN] {
+            assert_eq!(permit().nothing_in_contact(moved_n, 0.001, 0.0).unwrap_err().rule, SafetyRule::ZeroInContact);
+        }
+        assert!(permit().retract(0.5, 0.4, 1.0).is_ok());
+        assert_eq!(permit().retract(0.5, 0.51, 1.0).unwrap_err().rule, SafetyRule::NotPermitted);
     }
 
     #[test]
@@ -404,7 +435,7 @@ mod tests {
         /// as far beyond its target as counts as in position.
         #[test]
         fn no_granted_end_point_exceeds_a_limit_on_a_stage_with_steps(
-            surface in -0.3..0.3f64, k in 0.05..2.0f64, lead in 0.0..0.3f64, start in -1.0..1.5f64, wish in -1.0..3.0f64,
+            surface in -0.3..0.3f64, k in 1.9..2.0f64, lead in 0.0..0.3f64, start in -1.0..1.5f64, beyond in -2.0..2.0f64,
             step in 0.0005..0.04f64, off in -0.5..0.5f64,
         ) {
             let steps = Steps { mm: [0.0, 0.0, step] };
@@ -414,7 +445,9 @@ mod tests {
                 z_mm: start + off * step, force_n: force_at(start), sigma_n: 0.0, age_s: 0.0, first_mm: surface - lead,
                 most_mm: f64::INFINITY,
             };
-            if let Ok(granted) = permit().on(steps).advance(&context, wish, 5.0) {
+            // as stiff as declared, and within two steps of where the specimen bears the limit
+            let wish = surface + LIMITS.force_n / k + beyond * step;
+            if let Ok(granted) = permit_of(StageBounds { steps, ..STAGE }).advance(&context, wish, 5.0) {
                 let deepest_mm = granted.z_mm() + steps.in_position_mm(palpate_core::quantity::Axis::Z);
                 prop_assert!(deepest_mm <= start || force_at(deepest_mm) <= LIMITS.force_n + 1e-9);
                 prop_assert!(deepest_mm - surface <= LIMITS.depth_mm);

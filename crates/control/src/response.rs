@@ -231,6 +231,10 @@ mod tests {
         }
         let shifted = MeasuredContact { place: Place::new(0.3, -0.7), ..felt(3.3, -0.7, 1.0) };
         assert_eq!(rule(shifted), Some(SafetyRule::OutputsDiffer));
+        let mut taking = response.clone();
+        assert_eq!(taking.take(felt(0.3, -0.7, 2.0)).unwrap_err().rule, SafetyRule::OutputsDiffer);
+        assert_eq!((taking.known.len(), taking.take(felt(0.3, -0.7, 1.05))), (49, Ok(())), "it isn't learned");
+        assert_eq!(taking.known.len(), 50);
         let not_a_number = MeasuredContact { outputs: vec![f64::NAN; 9], ..felt(0.3, -0.7, 1.0) };
         assert_eq!(rule(not_a_number), Some(SafetyRule::OutputsDiffer));
     }

@@ -190,6 +190,14 @@ mod tests {
     }
 
     #[test]
+    fn readings_that_share_their_noise_count_as_fewer() {
+        let zero = Zero { shared: 0.5, ..Zero::with_noise(0.003) };
+        assert!((zero.noise_of_mean_n(300) - 0.003 * (3.0f64 / 300.0).sqrt()).abs() < 1e-12);
+        assert_eq!(zero.noise_of_mean_n(2), 0.003, "never less certain than one reading");
+        assert!((Zero::with_noise(0.003).noise_of_mean_n(300) - 0.003 / 300f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
     fn a_cell_without_noise_is_never_called_frozen() {
         assert_eq!(Zero::of(&readings(0.0), 0.001).frozen_after, None);
     }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{ContactMap, LearnedContact, Permit, Timing, Zero};
-use palpate_core::quantity::{Limits, Place};
+use palpate_core::quantity::{Limits, Place, StageBounds};
 use rand::seq::SliceRandom;
 use std::sync::Arc;
 
@@ -61,7 +61,7 @@ impl PressBench {
         let context = Context {
             place: self.place,
             limits: LIMITS,
-            permit: Permit::new(LIMITS, 0.05, 100.0, &zero),
+            permit: Permit::new(LIMITS, StageBounds::fine(100.0), 0.05, &zero),
             zero,
             zero_age_s: 0.0,
             expected: self.map.expect(self.place),
@@ -198,6 +198,17 @@ fn press_reaches_its_force_from_below_and_retracts() {
                 assert!((execute.moves.last().unwrap() + 0.5).abs() < 1e-9);
             }
         }
+    }
+}
+
+#[test]
+fn a_guarded_press_aims_below_its_force_by_four_sd_of_a_mean() {
+    // the noise of a mean and that of the zero; the specimen is as stiff as declared, so that a step ends at its aim
+    let below_n = 4.0 * (0.003 / 150f64.sqrt()).hypot(0.0003);
+    for surface_mm in [-0.25, 0.0, 0.29] {
+        let bench = PressBench { tolerance_n: 0.002, ..bench(PressTask::press(1.0), surface_mm) };
+        let (_, execute) = bench.execute(|depth_mm| LIMITS.stiffness_n_mm * depth_mm.max(0.0));
+        assert!((execute.forces[0] - (1.0 - below_n)).abs() < 1e-5, "{:?}", execute.forces);
     }
 }
 

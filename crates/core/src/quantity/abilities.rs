@@ -1,4 +1,6 @@
-//! What a stage can do in a motion.
+//! What a stage can do in a motion, and where its motions end.
+
+use super::Steps;
 
 /// What a stage can do in a motion, declared by its driver.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,5 +29,23 @@ impl StageAbilities {
     /// Whether it finishes each motion, so that a stop only means that no further motion is sent.
     pub fn finishes(&self) -> bool {
         !self.stops
+    }
+}
+
+/// What decides where a motion of a stage ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StageBounds {
+    /// Steps of the axes: a motion may end a part of a step beyond its target.
+    pub steps: Steps,
+    /// Whether the stage finishes every motion that it accepted.
+    pub finishes: bool,
+    /// Deceleration of a stop, mm/s^2.
+    pub acceleration_mm_s2: f64,
+}
+
+impl StageBounds {
+    /// A stage without steps that can be stopped.
+    pub const fn fine(acceleration_mm_s2: f64) -> StageBounds {
+        StageBounds { steps: Steps::FINE, finishes: false, acceleration_mm_s2 }
     }
 }

@@ -20,7 +20,7 @@ mod steps;
 mod stream;
 mod tilt;
 
-pub use abilities::StageAbilities;
+pub use abilities::{StageAbilities, StageBounds};
 pub use cells::cell_centres;
 pub use certificate::{
     AxesCheck, COVERAGE, CROSSTALK_MOST, GAIN_OFF_MOST, LoadCellCertificate, StageCertificate, StatedError,

@@ -11,7 +11,7 @@ pub use error::{DeviceError, DeviceProblem};
 pub use orders::{MotionOrder, MotionOrders};
 pub use palpate_core::quantity::{Identity, SHOWN_MAX_CHARS, shown};
 
-use palpate_core::quantity::{Axis, ForceReading, Range, StageAbilities, Steps, Travel, round};
+use palpate_core::quantity::{Axis, ForceReading, Range, StageAbilities, StageBounds, Steps, Travel, round};
 use std::future::Future;
 use std::time::Duration;
 
@@ -62,6 +62,15 @@ impl StageUse {
     /// Returns the possible range of an axis. A read-back outside this range is damaged.
     pub fn reach(&self, axis: Axis) -> Range {
         self.travel.along(axis).widened(BEYOND_MM)
+    }
+
+    /// What decides where a motion ends.
+    pub fn bounds(&self) -> StageBounds {
+        StageBounds {
+            steps: self.steps,
+            finishes: self.abilities.finishes(),
+            acceleration_mm_s2: self.acceleration_mm_s2,
+        }
     }
 
     /// Checks that all ways end within the travel. The way out of a contact is always open.
@@ -270,4 +279,43 @@ pub struct Instruments<S, C, A> {
     pub load_cell: C,
     /// The array.
     pub array: A,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn usage() -> StageUse {
+        StageUse {
+            travel: Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] },
+            away: 1.0,
+            speed_mm_s: 10.0,
+            acceleration_mm_s2: 100.0,
+            home_speed_mm_s: 1.0,
+            home_z_mm: 12.5,
+            by_hand: false,
+            homed: false,
+            steps: Steps { mm: [0.01, 0.01, 0.0025] },
+            home_search: HomeSearch::Away,
+            abilities: StageAbilities::FINISHES,
+        }
+    }
+
+    #[test]
+    fn a_permit_is_told_of_steps_and_of_a_stage_that_finishes_its_motions() {
+        let bounds = StageBounds { steps: usage().steps, finishes: true, acceleration_mm_s2: 100.0 };
+        assert_eq!(usage().bounds(), bounds);
+        assert!(!StageUse { abilities: StageAbilities::FULL, ..usage() }.bounds().finishes);
+    }
+
+    #[test]
+    fn motion_to_an_end_of_travel_ends_before_it_by_the_rounding() {
+        let by_mm = |from_mm: f64, to_mm: f64, count_mm: f64| {
+            usage().from_count(&AxisWay::between(Axis::Z, from_mm, to_mm), count_mm, 2e-4)
+        };
+        assert_eq!(by_mm(12.4, 12.5, 12.40003), 0.09977);
+        assert_eq!(by_mm(-12.4, -12.5, -12.40003), -0.09977);
+        assert_eq!(by_mm(12.4, 12.0, 12.40003), -0.40003, "from the controller's count");
+        assert_eq!(by_mm(12.4, 13.5, 12.4), 1.1, "a motion far beyond is refused by who commands it");
+    }
 }

@@ -186,8 +186,7 @@ async fn look(
         let pairs = stage_s.iter().zip(load_cell_s);
         found.reactions_s = pairs.map(|(stage_s, cell_s)| conversion_s + lag_s + stage_s + cell_s).collect();
         let reaction = Reaction { conversion_s, load_cell_s: longest(load_cell_s), stage_s: longest(stage_s), lag_s };
-        let permit = Permit::new(spec.limits, reaction.worst_s(), spec.stage.acceleration_mm_s2, &no_load.zero);
-        let permit = permit.on(spec.stage.steps).finishing(spec.stage.driver.abilities().finishes());
+        let permit = Permit::new(spec.limits, rig_control.usage.bounds(), reaction.worst_s(), &no_load.zero);
         let fastest = permit.approach_speed_mm_s(spec.limits.force_n);
         found.approach_mm_s = Some(fastest.min(spec.stage.speed_mm_s));
         found.reaction = Some(reaction);

@@ -233,9 +233,7 @@ pub(super) fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<
 }
 
 fn permit(rig_control: &AnyRigControl<'_>, spec: &RigSpec, reaction: &Reaction) -> Permit {
-    Permit::new(spec.limits, reaction.worst_s(), rig_control.usage.acceleration_mm_s2, rig_control.cell.watch.zero())
-        .on(spec.stage.steps)
-        .finishing(spec.stage.driver.abilities().finishes())
+    Permit::new(spec.limits, rig_control.usage.bounds(), reaction.worst_s(), rig_control.cell.watch.zero())
         .with_drags(spec.drag)
 }
 

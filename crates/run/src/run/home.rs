@@ -445,8 +445,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         }
         self.confirm_back(spec).await?;
         let (here, taken) = (at_rest(&mut self.cell).await?, Instant::now());
-        let permit = Permit::new(spec.limits, reaction.worst_s(), spec.stage.acceleration_mm_s2, &here);
-        let permit = permit.on(spec.stage.steps).finishing(spec.stage.driver.abilities().finishes());
+        let permit = Permit::new(spec.limits, self.usage.bounds(), reaction.worst_s(), &here);
         let (from_mm, way_mm, speed_mm_s) = (self.z_mm, permit.sounding_mm(), self.usage.home_speed_mm_s);
         let toward = |from_mm, to_mm| {
             let sigma_n = here.offset_sigma_n;

@@ -5,7 +5,7 @@ use super::{Cancel, Halt};
 use crate::rig::GroundTruth;
 use palpate_control::{Permit, SafetyRule, Timing, Watch, Zero};
 use palpate_core::quantity::{
-    Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, StageAbilities, Steps, Travel,
+    Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, StageAbilities, StageBounds, Steps, Travel,
 };
 use palpate_link::device::{
     AxisWay, DeviceError, HomeSearch, Identity, Instruments, LoadCell, MotionOrders, SensorArray, Stage, StageUse,
@@ -139,7 +139,7 @@ fn rig_control<'a>(
 fn permit() -> Permit {
     let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let zero = Zero::with_noise(0.003);
-    Permit::new(limits, 0.05, 100.0, &zero)
+    Permit::new(limits, StageBounds::fine(100.0), 0.05, &zero)
 }
 
 fn rule(result: Result<(), Halt>) -> SafetyRule {

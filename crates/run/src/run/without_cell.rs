@@ -60,8 +60,7 @@ pub(super) async fn execute_without_cell(mut rig: OpenRig, job: RunJob<'_>, list
         Err(halt) => return Ending { t_s: clock.now_s(), remaining: Remaining::NoLoadCell, ..Ending::halted(halt) },
     };
     devices.extend(identities);
-    let acceleration_mm_s2 = rig_control.usage.acceleration_mm_s2;
-    let permit = Permit::new(spec.limits, EXCHANGE_S, acceleration_mm_s2, &Zero::with_noise(0.0));
+    let permit = Permit::new(spec.limits, rig_control.usage.bounds(), EXCHANGE_S, &Zero::with_noise(0.0));
     let mut runner = DepthRunner {
         plan,
         spec,
@@ -69,7 +68,7 @@ pub(super) async fn execute_without_cell(mut rig: OpenRig, job: RunJob<'_>, list
         listener,
         rig_control,
         monitors,
-        permit: permit.on(spec.stage.steps).finishing(spec.stage.driver.abilities().finishes()),
+        permit,
         map: ContactMap::new(spec.frame.uncertainty_mm),
         cancel,
         clock,
