@@ -164,14 +164,15 @@ impl Failure {
 
     /// A run that ended early, and may have left the stage where it was.
     pub fn ended(ending: Ending) -> Failure {
-        let Ending { halt, unparked, remaining, .. } = ending;
+        let Ending { halt, unparked, remaining, largest, .. } = ending;
         let parked = match (&halt, &unparked) {
             (_, Some(_)) => Some("the stage could not be parked: move it clear of the specimen by hand".to_owned()),
             (Some(Halt::Tripped(_)), None) => Some("the stage is parked at the end of z's travel".to_owned()),
             (Some(Halt::Record(_) | Halt::OutOfBounds(_)), None) => Some("the stage is parked".to_owned()),
             _ => None,
         };
-        let stage: Vec<String> = parked.into_iter().chain(remaining.text()).collect();
+        let stage: Vec<String> =
+            parked.into_iter().chain(remaining.text()).chain(largest.map(|largest| largest.text())).collect();
         let stage = (!stage.is_empty()).then(|| stage.join("; "));
         let (halt, unparked) = match (halt, unparked) {
             (Some(halt), unparked) => (halt, unparked),
@@ -232,11 +233,16 @@ fn helped(help: Option<&str>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use palpate_run::run::LargestForce;
 
     #[test]
     fn a_cancelled_run_that_still_presses_is_no_cancelled_run() {
         let ended = |remaining| Failure::ended(Ending { remaining, ..Ending::halted(Halt::Cancelled) });
         assert_eq!(ended(Remaining::Nothing).kind(), FailureKind::Cancelled);
+        let largest = Some(LargestForce { force_n: 4.9, is_least: true });
+        let over = Failure::ended(Ending { largest, ..Ending::halted(Halt::Cancelled) });
+        let text = "the largest force was at least 4.90 N, the end of the load cell's range";
+        assert_eq!(over.into_parts().0.as_deref(), Some(text));
         let pressed = ended(Remaining::Force(0.99));
         assert_eq!(pressed.kind(), FailureKind::Device);
         assert_eq!(pressed.into_parts().0.as_deref(), Some("0.99 N remain on the specimen"));

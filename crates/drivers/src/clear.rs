@@ -19,8 +19,10 @@ pub(crate) async fn clear_z(
     usage: &StageUse,
     orders: &MotionOrders,
 ) -> Result<Option<DeviceProblem>, DeviceError> {
+    let at_mm = stage.position_mm(Axis::Z, orders).await?;
     let end_mm = usage.travel.along(Axis::Z).end(usage.away) - usage.away * SHORT_MM;
-    let way = AxisWay::between(Axis::Z, stage.position_mm(Axis::Z, orders).await?, end_mm);
+    let is_there = (at_mm - end_mm).abs() <= AWAY_MM;
+    let way = AxisWay::between(Axis::Z, at_mm, if is_there { at_mm } else { end_mm });
     stage.begin(&[way], usage.home_speed_mm_s, orders).await?;
     stage.follow(&[Axis::Z], seconds(way.by_mm.abs() / usage.home_speed_mm_s), orders).await?;
     let at_mm = stage.position_mm(Axis::Z, &MotionOrders::default()).await?;

@@ -54,10 +54,8 @@ const FIRMWARE_SOUND: [u32; 3] = [1, 1, 1];
 pub struct Esp301 {
     line: LineExchange,
     link: String,
-    /// Use of the stage, which limits the travel of the axes; `None` before z is at home.
+    /// Use of the stage, which limits the travel of the axes; `None` before the stage is prepared.
     usage: Option<StageUse>,
-    /// The axes that are homed, so that their count has a meaning.
-    counts: [bool; 3],
     /// Fastest answer of the press so far. A question sent this time before the end of a motion finds the motion ended.
     quickest: Duration,
     /// Unreported errors from the error queue, oldest first.
@@ -68,6 +66,8 @@ pub struct Esp301 {
     homed: [bool; 3],
     /// Where the controller has each axis, mm: a relative motion begins there, not where the axis is read back. `None` in a motion.
     sent_mm: [Option<f64>; 3],
+    /// Whether these are sums of what was sent since home. After a stop they are read, and rounded.
+    sums: [bool; 3],
 }
 
 impl Esp301 {
@@ -78,12 +78,12 @@ impl Esp301 {
             line,
             link,
             usage: None,
-            counts: [false; 3],
             quickest: ANSWER_DEADLINE,
             complaints: Vec::new(),
             stopped: false,
             homed: [false; 3],
             sent_mm: [None; 3],
+            sums: [false; 3],
         }
     }
 
@@ -110,8 +110,7 @@ impl Esp301 {
         let questions = |name: &'static str| axes.iter().map(move |&axis| format!("{}{name}", number(axis)));
         let travels = axes.iter().map(|&axis| self.reach(axis)).collect::<Vec<_>>();
         // also where each was sent (manual, page DP): the controller rounds each displacement to counts, and the sum isn't known
-        let counts = axes.iter().all(|axis| self.counts[axis.index()]);
-        let (commanded, count) = if counts { (axes.len(), 3) } else { (0, 2) };
+        let (commanded, count) = if self.usage.is_some() { (axes.len(), 3) } else { (0, 2) };
         let question = questions("MD?").chain(questions("TP")).chain(questions("DP?").take(commanded));
         let question = question.collect::<Vec<_>>().join(";") + ";TB?";
         let read = |answers: &[String]| {
@@ -142,6 +141,7 @@ impl Esp301 {
                 Some(sent_mm) if (sent_mm - read_mm).abs() <= COUNT_MM => Some(sent_mm),
                 // a displacement from a damaged answer would end elsewhere: two must agree
                 Some(_) => {
+                    self.sums[axis.index()] = false;
                     let again_mm = self.ask_number(doing, &format!("{}DP?", number(*axis))).await?;
                     (again_mm == read_mm).then_some(read_mm)
                 }
@@ -182,9 +182,9 @@ impl Esp301 {
         Err(self.error(doing, DeviceProblem::Misfit { answer: answers.join(", "), expected }))
     }
 
-    /// Range of possible positions of an axis. Before all are homed there is none: home may be outside the rig's travel.
+    /// Range of possible positions of an axis.
     fn reach(&self, axis: Axis) -> Option<Range> {
-        self.usage.as_ref().filter(|_| self.counts == [true; 3]).map(|usage| usage.reach(axis))
+        self.usage.as_ref().map(|usage| usage.reach(axis))
     }
 
     async fn check_axis(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
@@ -228,7 +228,7 @@ impl Esp301 {
         }
         // refused, or stopped half-way: the axis isn't homed, and nothing else may move
         self.no_complaints(doing).await?;
-        self.homed[axis.index()] = true;
+        (self.homed[axis.index()], self.sums[axis.index()]) = (true, true);
         Ok(())
     }
 
@@ -241,12 +241,6 @@ impl Esp301 {
     /// doesn't show it: jogging from the front panel needs it on too.
     async fn is_homed(&mut self, axis: Axis, usage: &StageUse) -> Result<bool, DeviceError> {
         Ok(self.homed[axis.index()] || (usage.homed && self.is_on(axis).await?))
-    }
-
-    /// Notes that z is at home.
-    fn counts_z(&mut self, usage: &StageUse) {
-        self.usage = Some(usage.clone());
-        self.counts[Axis::Z.index()] = true;
     }
 
     async fn no_complaints(&mut self, doing: &str) -> Result<(), DeviceError> {
@@ -287,7 +281,7 @@ impl Stage for Esp301 {
             let expected = "an ESP300 or ESP301 version".to_owned();
             return Err(self.error(doing, DeviceProblem::Misfit { answer: version, expected }));
         }
-        (self.usage, self.counts) = (None, [false; 3]); // before homing a count has no meaning
+        self.usage = None; // before homing its count has no meaning
         // an earlier program may have left a motion, and a position is valid only at rest
         self.stop().await?;
         self.follow(&Axis::ALL, Duration::ZERO, &MotionOrders::default()).await?;
@@ -322,7 +316,6 @@ impl Stage for Esp301 {
     async fn home_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
         self.set_acceleration(usage).await?;
         if self.is_homed(Axis::Z, usage).await? {
-            self.counts_z(usage);
             return Ok(true);
         }
         let home_mm = usage.home_z_mm;
@@ -336,7 +329,6 @@ impl Stage for Esp301 {
             );
             return Err(self.error("homing", DeviceProblem::Mismatch(text)));
         }
-        self.counts_z(usage);
         Ok(true)
     }
 
@@ -357,7 +349,7 @@ impl Stage for Esp301 {
             self.set_soft_limits(axis, usage).await?;
         }
         self.no_complaints("preparing it").await?;
-        self.counts = [true; 3];
+        self.usage = Some(usage.clone());
         Ok(())
     }
 
@@ -365,8 +357,13 @@ impl Stage for Esp301 {
         // relative to where the axis was sent (manual, page PR), which is near where it was read back
         let by_mm = |way: &AxisWay| {
             let sent_mm = self.sent_mm[way.axis.index()].filter(|sent_mm| (sent_mm - way.from_mm).abs() <= SENT_MM);
-            let usage = self.usage.as_ref();
-            sent_mm.zip(usage).map_or(way.by_mm, |(sent_mm, usage)| usage.from_count(way, sent_mm, COUNT_MM))
+            let rounding_mm = if self.sums[way.axis.index()] { 0.0 } else { COUNT_MM };
+            match (&self.usage, sent_mm) {
+                // before homing: in the controller's decimals a way and its way back end where they began, which may be a limit
+                (None, _) => round(way.by_mm, DECIMALS as i32),
+                (Some(_), None) => way.by_mm,
+                (Some(usage), Some(sent_mm)) => usage.from_count(way, sent_mm, rounding_mm),
+            }
         };
         let by_mm: Vec<f64> = ways.iter().map(by_mm).collect();
         let command = |(way, by_mm): (&AxisWay, &f64)| {
@@ -439,7 +436,7 @@ impl Stage for Esp301 {
         loop {
             let was_stopped = orders.stopped();
             if was_stopped {
-                axes.iter().for_each(|axis| self.sent_mm[axis.index()] = None);
+                axes.iter().for_each(|axis| (self.sent_mm[axis.index()], self.sums[axis.index()]) = (None, false));
             }
             if let Some(places_mm) = self.at_rest(doing, axes, orders).await?
                 && orders.stopped() == was_stopped
@@ -463,7 +460,7 @@ impl Stage for Esp301 {
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {
-        (self.stopped, self.sent_mm) = (true, [None; 3]);
+        (self.stopped, self.sent_mm, self.sums) = (true, [None; 3], [false; 3]);
         self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed("stopping", &error))
     }
 

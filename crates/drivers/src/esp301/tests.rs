@@ -177,7 +177,7 @@ async fn position_without_decimals_or_beyond_the_travel_is_refused() {
         (b"VE?\r", b"ESP301 Version 1.1.1 16/01/14\r\n"),
         (b"3TP\r", b"92.5000\r\n"),
     ]);
-    (stage.usage, stage.counts) = (Some(usage()), [true; 3]);
+    stage.usage = Some(usage());
     assert_eq!(stage.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap(), -2.5);
     assert!(
         stage

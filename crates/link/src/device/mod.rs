@@ -112,18 +112,19 @@ impl StageUse {
     }
 
     /// Returns how far an axis goes from where its controller has it, mm. A way to an end of the travel ends as much before it as the
-    /// controller's count is uncertain: the end is its own limit, and it refuses a motion that a rounding leads beyond.
+    /// controller's count is uncertain: the end is its own limit, and it refuses a motion that a rounding leads beyond. An axis that is
+    /// there stays.
     pub fn from_count(&self, way: &AxisWay, count_mm: f64, rounding_mm: f64) -> f64 {
-        let rounding_mm = rounding_mm.max(WAY_MM);
         let (to_mm, Range { min, max }) = (way.to_mm(), self.travel.along(way.axis));
         let end_mm = if (to_mm - min).abs() < rounding_mm {
             min + rounding_mm
         } else if (max - to_mm).abs() < rounding_mm {
             max - rounding_mm
         } else {
-            to_mm
+            return round(to_mm - count_mm, WAY_DECIMALS);
         };
-        round(end_mm - count_mm, WAY_DECIMALS)
+        let is_there = (to_mm - count_mm).abs() < rounding_mm;
+        if is_there { 0.0 } else { round(end_mm - count_mm, WAY_DECIMALS) }
     }
 
     /// Whether a motion only leads away from the specimen.
@@ -149,7 +150,7 @@ pub struct AxisWay {
 /// Decimals of places and displacements. Displacements between rounded places add up without an error.
 const WAY_DECIMALS: i32 = 5;
 /// Rounding of the end of a way between places that have more decimals, mm.
-const WAY_MM: f64 = 1e-5;
+pub const WAY_MM: f64 = 1e-5;
 /// Decimals of the end of a way: the sum of two numbers has an error of its own.
 const TO_DECIMALS: i32 = 9;
 
@@ -315,6 +316,7 @@ mod tests {
         };
         assert_eq!(by_mm(12.4, 12.5, 12.40003), 0.09977);
         assert_eq!(by_mm(-12.4, -12.5, -12.40003), -0.09977);
+        assert_eq!(by_mm(12.5, 12.5, 12.50003), 0.0);
         assert_eq!(by_mm(12.4, 12.0, 12.40003), -0.40003, "from the controller's count");
         assert_eq!(by_mm(12.4, 13.5, 12.4), 1.1, "a motion far beyond is refused by who commands it");
     }

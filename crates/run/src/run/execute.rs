@@ -9,7 +9,7 @@ use super::ready::{Conditions, Ready, make_ready, take_zero};
 use super::rig_control::AnyRigControl;
 use super::series::SeriesRecorder;
 use super::without_cell::execute_without_cell;
-use super::{Cancel, Halt, Remaining};
+use super::{Cancel, Halt, LargestForce, Remaining};
 use crate::rig::{OpenRig, RigSpec};
 use palpate_control::{
     ContactMap, DragResponses, LearnedOutputs, MeasuredContact, NO_LOAD_READINGS, Permit, Reaction, SetPoint,
@@ -55,6 +55,8 @@ pub struct Ending {
     pub unparked: Option<Halt>,
     /// Force on the specimen after the stage was parked.
     pub remaining: Remaining,
+    /// Largest force that was read, if the run ended early and pressed.
+    pub largest: Option<LargestForce>,
     /// Time of the end, s since the run's start.
     pub t_s: f64,
     /// Load cell after the run; `None` if no weight was put on.
@@ -160,10 +162,14 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
             // the stage was stopped before a trip was reported; a program that is killed while it parks has tripped all the same
             let peaks = runner.rig_control.press_truth().map(PressTruth::peaks);
             note_trip(runner.ledger, &ending, runner.pressing, peaks, clock.now_s());
-            ending.unparked = runner.leave(ending.halt.as_ref()).await.err();
+            // after a trip or a failure, the specimen may have risen
+            let is_doubtful = matches!(ending.halt, Some(Halt::Tripped(_) | Halt::Device(_)));
+            let park_mm = if is_doubtful { spec.top_mm() } else { runner.park_mm() };
+            ending.unparked = runner.rig_control.leave(ending.halt.as_ref(), park_mm).await.err();
             if ending.halt.is_some() || ending.unparked.is_some() {
                 let doubted = ending.unparked.as_ref().or(ending.halt.as_ref());
                 ending.remaining = runner.rig_control.remaining(doubted).await;
+                ending.largest = runner.rig_control.largest();
             } else {
                 ending.cell = runner.weigh_after().await;
             }
@@ -189,7 +195,7 @@ impl Ending {
 
     /// Creates the ending of a run whose stage is parked without load.
     pub(super) fn parked() -> Self {
-        Ending { halt: None, unparked: None, remaining: Remaining::Nothing, t_s: 0.0, cell: None }
+        Ending { halt: None, unparked: None, remaining: Remaining::Nothing, largest: None, t_s: 0.0, cell: None }
     }
 
     /// Returns the status for the run's manifest.
@@ -220,8 +226,12 @@ impl Ending {
         };
         let unparked = self.unparked.as_ref().and_then(text).map(|why| format!("the stage could not be parked: {why}"));
         let parts = self.halt.as_ref().and_then(text).into_iter().chain(unparked).chain(self.remaining.text());
-        let parts: Vec<String> = parts.collect();
-        (!parts.is_empty()).then(|| parts.join("; "))
+        let mut parts: Vec<String> = parts.collect();
+        if parts.is_empty() {
+            return None;
+        }
+        parts.extend(self.largest.as_ref().map(LargestForce::text));
+        Some(parts.join("; "))
     }
 }
 
@@ -304,19 +314,6 @@ impl Runner<'_> {
     pub(super) fn park_mm(&self) -> f64 {
         let spec = self.conditions.spec;
         if self.map.is_touched() { spec.clear_mm() } else { spec.top_mm() }
-    }
-
-    /// Parks the stage at the end. After a trip or a failure, the specimen may have risen: the stage is stopped, read back until it
-    /// rests, and parked at the end of its travel.
-    async fn leave(&mut self, halt: Option<&Halt>) -> Result<(), Halt> {
-        match halt {
-            Some(Halt::Tripped(_) | Halt::Device(_)) => {
-                self.rig_control.stop_and_see().await?;
-                self.rig_control.retract_from_contact(self.conditions.spec.top_mm()).await
-            }
-            Some(_) => self.rig_control.retract_from_contact(self.park_mm()).await,
-            None => self.rig_control.retract(self.park_mm()).await,
-        }
     }
 
     async fn presses(&mut self, mut left: VecDeque<&Entry>) -> Result<(), Halt> {

@@ -74,7 +74,7 @@ pub(super) async fn at_home<'a>(
     let reaction = if load_cell.is_ok() { Some(rig_control.set_home_speed(spec).await?) } else { None };
     let stage = unless_stopped(cancel, rig_control.stage.identify(&rig_control.usage)).await?;
     let array = unless_stopped(cancel, rig_control.array.prepare()).await?;
-    rig_control.watches_outputs = array.is_ok();
+    rig_control.array_answers = array.is_ok();
     let stage = match (stage, &reaction) {
         (Ok(identity), Some(reaction)) => match rig_control.come_home(spec, &identity, reaction).await {
             Ok(()) => Ok(identity),
@@ -278,9 +278,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Starts the watch: from now on the force mustn't rise above its present value at rest, and the outputs mustn't leave their
     /// noise.
     async fn watch_from_rest(&mut self, spec: &RigSpec) -> Result<(), Halt> {
-        let RigControl { cell, array, watches_outputs, .. } = self;
+        let RigControl { cell, array, array_answers, .. } = self;
         let outputs =
-            async { if *watches_outputs { NoLoadOutputs::read(array, &spec.array).await.map(Some) } else { Ok(None) } };
+            async { if *array_answers { NoLoadOutputs::read(array, &spec.array).await.map(Some) } else { Ok(None) } };
         let (still, outputs) = tokio::join!(at_rest(cell), outputs);
         let still = still?;
         self.unzeroed = outputs?;

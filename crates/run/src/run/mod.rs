@@ -45,7 +45,7 @@ pub use execute::{Ending, Listener, RunJob, execute, execute_on};
 pub use home::{Retracted, retract};
 pub use pace::keep_pace;
 pub use ready::NOISE_SHARE;
-pub use retraction::Remaining;
+pub use retraction::{LargestForce, Remaining};
 pub use shown::{FINGER_WAIT, ShownBy};
 
 use palpate_control::{SafetyRule, Trip};

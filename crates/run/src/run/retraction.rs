@@ -4,7 +4,7 @@ use super::Halt;
 use super::rig_control::{RigControl, WatchedLoadCell};
 use palpate_control::{MotionProfile, SafetyRule, Trip, check_sound};
 use palpate_core::quantity::{Axis, Steps, seconds};
-use palpate_link::device::{AxisWay, DeviceProblem, LoadCell, MotionOrders, SensorArray, Stage};
+use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, timeout};
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -12,6 +12,11 @@ use tokio::sync::Notify;
 /// Number of attempts for a retraction. An unreliable link mostly answers the second time, and a guard left by an earlier program
 /// triggers once. A third attempt costs only seconds.
 const RETRACT_TRIES: usize = 3;
+
+/// Longest end of a run that was halted, beyond the motion under way and the way up.
+const END_DEADLINE: Duration = Duration::from_secs(5);
+/// Longest wait for the last stop of a stage that couldn't be parked.
+const LAST_STOP_DEADLINE: Duration = Duration::from_secs(1);
 
 /// Number of successive readings that must show a rise of the force before the rise stops a retraction.
 const RISE_READINGS: usize = 5;
@@ -46,6 +51,9 @@ const SHOWN_SIGMAS: f64 = 8.0;
 /// Retract against a rise that is allowed once where the array shows nothing, mm.
 const SPARE_MM: f64 = 0.5;
 
+/// Longest wait for the array on the way out.
+const ARRAY_DEADLINE: Duration = Duration::from_millis(500);
+
 /// Wait before the remaining force is read: a specimen that rose may still be rising.
 const LEFT_AFTER: Duration = Duration::from_secs(1);
 /// Number of readings of the force that remains, and least force that is reported, N.
@@ -65,6 +73,26 @@ pub enum Remaining {
     NoLoadCell,
 }
 
+/// Largest force that was read in a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LargestForce {
+    /// The force, N from the zero.
+    pub force_n: f64,
+    /// Whether the load cell was at the end of its range, so that the force was at least this.
+    pub is_least: bool,
+}
+
+impl LargestForce {
+    /// Returns a sentence about the force.
+    pub fn text(&self) -> String {
+        let LargestForce { force_n, is_least } = *self;
+        match is_least {
+            false => format!("the largest force was {force_n:.2} N"),
+            true => format!("the largest force was at least {force_n:.2} N, the end of the load cell's range"),
+        }
+    }
+}
+
 impl Remaining {
     /// Returns a sentence about the force; `None` if there is none.
     pub fn text(&self) -> Option<String> {
@@ -78,15 +106,36 @@ impl Remaining {
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
+    /// Parks the stage at the end of a run. After a halt this takes no longer than the motion under way, the way up at the rig's speed and
+    /// [`END_DEADLINE`]. After a trip or a failure, the specimen may have risen: the stage is stopped and read back until it rests.
+    ///
+    /// # Errors
+    /// The stage isn't parked.
+    pub(super) async fn leave(&mut self, halt: Option<&Halt>, z_mm: f64) -> Result<(), Halt> {
+        let Some(halt) = halt else { return self.retract(z_mm).await };
+        let way_s = self.usage.travel.along(Axis::Z).width() / self.usage.speed_mm_s;
+        let most = END_DEADLINE + 2 * seconds(way_s);
+        let leaving = async {
+            if matches!(halt, Halt::Tripped(_) | Halt::Device(_)) {
+                self.stop_and_see().await?;
+            }
+            // maybe in contact: the way out depends on no place
+            self.retract_from(z_mm, true).await
+        };
+        if let Ok(left) = timeout(most, leaving).await {
+            return left;
+        }
+        let _ = timeout(LAST_STOP_DEADLINE, self.stage.stop()).await;
+        let text =
+            format!("it isn't parked after {:.0} s: press the emergency stop, and free the tip", most.as_secs_f64());
+        let (device, doing) = ("stage".to_owned(), "parking it".to_owned());
+        Err(DeviceError { device, doing, problem: DeviceProblem::Motion(text) }.into())
+    }
+
     /// Stops all axes and retracts to the clear, whether the load cell answers or not. It is used to park, and also at the very
     /// start, because an earlier program may have left the axes in contact.
     pub(super) async fn retract(&mut self, z_mm: f64) -> Result<(), Halt> {
         self.retract_from(z_mm, false).await
-    }
-
-    /// Does the same after a run was halted, maybe in contact: the way out of the contact then depends on no place.
-    pub(super) async fn retract_from_contact(&mut self, z_mm: f64) -> Result<(), Halt> {
-        self.retract_from(z_mm, true).await
     }
 
     async fn retract_from(&mut self, z_mm: f64, may_press: bool) -> Result<(), Halt> {
@@ -120,6 +169,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         }
         self.stage.stop().await?;
         rests(&mut self.stage, &self.usage.steps).await
+    }
+
+    /// Returns the largest force that was read; `None` if nothing was pressed.
+    pub(super) fn largest(&self) -> Option<LargestForce> {
+        let (reading_n, is_least) = self.cell.cell.largest.reading?;
+        let force_n = reading_n - self.cell.watch.zero().offset_n;
+        (force_n >= LEFT_LEAST_N).then_some(LargestForce { force_n, is_least })
     }
 
     /// Returns the force that is left on the specimen. After this halt, the load cell may be in doubt.
@@ -236,10 +292,16 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         self.arrived_z(places_mm.first().copied(), target_mm).await
     }
 
-    /// Returns how far the outputs are from those without load, in sd of one reading; `None` if they show no contact, or aren't known.
+    /// Returns how far the outputs are from those without load, in sd of one reading; `None` if they show no contact, or aren't known. An
+    /// array that didn't answer isn't asked again: it would delay the way out.
     async fn felt(&mut self) -> Option<f64> {
         let mut now = vec![0.0; self.array.units()];
-        self.array.read(&mut now).await.ok()?;
+        if self.array_answers {
+            self.array_answers = matches!(timeout(ARRAY_DEADLINE, self.array.read(&mut now)).await, Ok(Ok(_)));
+        }
+        if !self.array_answers {
+            return None;
+        }
         let sigma = self.output_sigma();
         let change =
             now.iter().zip(&self.no_load).map(|(now, no_load)| (now - no_load).powi(2)).sum::<f64>().sqrt() / sigma;

@@ -60,8 +60,8 @@ pub(super) struct RigControl<'a, S, C, A> {
     pub no_load: Vec<f64>,
     /// Standard deviation of one reading of each output.
     no_load_sigmas: Vec<f64>,
-    /// Whether the array answers, so that its outputs are watched before there is a zero.
-    pub watches_outputs: bool,
+    /// Whether the array answers, so that its outputs are watched before there is a zero and on the way out.
+    pub array_answers: bool,
     /// Outputs before there is a zero.
     pub unzeroed: Option<NoLoadOutputs>,
     /// Outputs that are being read without load now.
@@ -367,7 +367,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
             truth,
             no_load,
             no_load_sigmas,
-            watches_outputs: false,
+            array_answers: false,
             unzeroed: None,
             no_load_outputs,
             place,

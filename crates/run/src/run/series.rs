@@ -147,11 +147,34 @@ impl Pressing {
 pub(super) struct RecordedDevice<D> {
     pub device: D,
     pub series: Option<Rc<SeriesRecorder>>,
+    /// Largest reading of a load cell.
+    pub largest: LargestReading,
 }
 
 impl<D> RecordedDevice<D> {
     pub(super) fn new(device: D) -> Self {
-        RecordedDevice { device, series: None }
+        RecordedDevice { device, series: None, largest: LargestReading::default() }
+    }
+}
+
+/// Largest value that two successive readings of a load cell reached: a single wrong reading doesn't count.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct LargestReading {
+    last: Option<(f64, bool)>,
+    /// The cell's reading, N, and whether it is the end of the cell's range; `None` before two readings.
+    pub reading: Option<(f64, bool)>,
+}
+
+impl LargestReading {
+    fn take(&mut self, reading: &ForceReading) {
+        let now = (reading.force_n, reading.health.saturated);
+        if let Some(before) = self.last.replace(now) {
+            let both = if before.0 < now.0 { before } else { now };
+            let is_larger = self.reading.is_none_or(|largest| both.0 > largest.0);
+            if is_larger && both.0.is_finite() {
+                self.reading = Some(both);
+            }
+        }
     }
 }
 
@@ -167,6 +190,7 @@ impl<C: LoadCell> LoadCell for RecordedDevice<C> {
     async fn read(&mut self) -> Result<ForceReading, DeviceError> {
         let reading = self.device.read().await?;
         self.series.iter().for_each(|series| series.force(&reading));
+        self.largest.take(&reading);
         Ok(reading)
     }
 

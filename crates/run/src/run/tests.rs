@@ -1,7 +1,7 @@
 //! The hand with instruments of straw: what is commanded, and what isn't.
 
 use super::rig_control::{RigControl, WatchedLoadCell};
-use super::{Cancel, Halt};
+use super::{Cancel, Halt, LargestForce};
 use crate::rig::GroundTruth;
 use palpate_control::{Permit, SafetyRule, Timing, Watch, Zero};
 use palpate_core::quantity::{
@@ -226,6 +226,39 @@ async fn retraction_stops_where_the_force_rises() {
             assert!(retracted.is_ok(), "{forces_n:?}: {retracted:?}");
         }
     }
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_end_takes_no_longer_than_the_way_up_and_five_seconds() {
+    // the stage takes a minute for each motion, which is also what a stage does that is busy without end
+    let (text, cancel) = (RefCell::default(), Cancel::default());
+    let mut rig_control = rig_control(&text, &cancel, (1.0, 1.0));
+    rig_control.stage.takes_s = 60.0;
+    let began = Instant::now();
+    let left = rig_control.leave(Some(&Halt::Cancelled), -0.3).await.unwrap_err();
+    // 25 mm at 10 mm/s, twice, and 5 s
+    let Halt::Device(error) = left else { panic!("{left:?}") };
+    assert!(error.to_string().contains("isn't parked after 10 s: press the emergency stop"), "{error}");
+    assert!(began.elapsed() <= Duration::from_millis(10_001), "{:?}", began.elapsed());
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_largest_force_is_what_two_successive_readings_reached() {
+    let (text, cancel) = (RefCell::default(), Cancel::default());
+    let mut rig_control = rig_control(&text, &cancel, (1.5, 0.2));
+    assert_eq!(rig_control.largest(), None, "nothing was read");
+    let cell = &mut rig_control.cell.cell;
+    cell.device.until_s = 0.0015; // one reading
+    for _ in 0..3 {
+        cell.read().await.unwrap();
+    }
+    assert_eq!(rig_control.largest(), Some(LargestForce { force_n: 0.2, is_least: false }), "one reading is none");
+    let cell = &mut rig_control.cell.cell;
+    cell.device.until_s = f64::INFINITY;
+    for _ in 0..2 {
+        cell.read().await.unwrap();
+    }
+    assert_eq!(rig_control.largest(), Some(LargestForce { force_n: 1.5, is_least: false }));
 }
 
 #[tokio::test(start_paused = true)]

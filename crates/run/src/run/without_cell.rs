@@ -80,7 +80,7 @@ pub(super) async fn execute_without_cell(mut rig: OpenRig, job: RunJob<'_>, list
     ending.halt = runner.begin(&past, devices).await.err();
     let peaks = runner.rig_control.press_truth().map(PressTruth::peaks);
     note_trip(runner.ledger, &ending, runner.pressing, peaks, clock.now_s());
-    ending.unparked = runner.leave(ending.halt.as_ref()).await.err();
+    ending.unparked = runner.rig_control.leave(ending.halt.as_ref(), spec.top_mm()).await.err();
     if matches!(ending.halt, Some(Halt::Tripped(_) | Halt::Device(_))) || ending.unparked.is_some() {
         ending.remaining = Remaining::NoLoadCell;
     }
@@ -335,14 +335,6 @@ impl DepthRunner<'_> {
         }
         self.cancel.while_pausing().await;
         self.cancel.check()
-    }
-
-    /// Parks the stage at the end of z's travel.
-    async fn leave(&mut self, halt: Option<&Halt>) -> Result<(), Halt> {
-        if matches!(halt, Some(Halt::Tripped(_) | Halt::Device(_))) {
-            self.rig_control.stop_and_see().await?;
-        }
-        self.rig_control.retract(self.spec.top_mm()).await
     }
 }
 
