@@ -37,7 +37,7 @@ pub(super) fn ended(folder: &RunFolder, virtual_time: bool, is_full: bool) -> St
     match (manifest.status, manifest.presses_done) {
         (Status::Complete, _) => {}
         (Status::Failed | Status::Tripped, 0) => {
-            _ = writeln!(text, "nothing was pressed: correct the problem and run again")
+            _ = writeln!(text, "no press was recorded: correct the problem and run again")
         }
         (Status::Tripped, _) => {
             _ = writeln!(text, "to continue: palpate resume {} --after-trip", folder.path().display())

@@ -3,21 +3,22 @@
 //! A motion is a displacement, so what a board forgets or somebody else sets changes no end point. Judged by the true values.
 //! `PALPATE_TESTS=full` restarts after each byte.
 
-use palpate_core::quantity::stream;
+mod families;
+
+use families::{ARM, ESP301, Family, GRBL, KLIPPER, MARLIN, PROGRAM, When, XPS};
+use palpate_core::quantity::{Axis, stream};
 use palpate_data::recipe::Plan;
 use palpate_run::rig::{self, RigSpec, SimulatedRig};
 use palpate_sim::emulator::{
-    GRBL_ROOM_MM, GrblBoard, GrblEmulator, GrblFault, GrblFaultAfterBytes, GrblFaultKind, GrblWelcome, Instrument,
-    KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultAfterBytes, KlipperFaultKind, MarlinAnnounced,
-    MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultAfterBytes, MarlinFaultKind, Shared,
+    EspFaultKind, GrblFaultKind, GrblWelcome, KlipperFaultKind, MarlinAnnounced, MarlinFaultKind,
+    ProcessStageFaultKind, UrFaultKind, XpsFaultKind,
 };
-use palpate_sim::scene::{ContactLaw, Scene};
+use palpate_sim::scene::ContactLaw;
 use palpate_testing::executions::{Deaths, ExecutedRun, end_of, executed_with, in_parallel, must_be_none, plan};
 use palpate_testing::{campaign, shipped_text};
 use rand::RngExt;
 use std::collections::BTreeMap;
 use std::fmt::Debug;
-use std::sync::{Arc, Mutex};
 
 /// Limit of the specimen, its stiffness and what is declared of it.
 const LIMIT_N: f64 = 2.0;
@@ -32,79 +33,6 @@ const LEFT_N: f64 = 0.05;
 
 /// Runs of a form: quick, and full where a press has more bytes than this.
 const RUNS: (usize, usize) = (6, 3000);
-
-/// When a fault happens.
-#[derive(Clone, Copy, Debug)]
-enum When {
-    At(f64),
-    AfterBytes(u64),
-}
-
-/// Returns a stage with a fault, or without.
-type Install<K> = fn(&RigSpec, &Scene, Option<(When, K)>) -> Shared<dyn Instrument>;
-
-/// A family of stages, and how a fault is given to one.
-struct Family<K: 'static> {
-    rig: &'static str,
-    install: Install<K>,
-}
-
-const MARLIN: Family<MarlinFaultKind> = Family { rig: "rigs/marlin.toml", install: marlin };
-const GRBL: Family<GrblFaultKind> = Family { rig: "rigs/matrix.toml", install: grbl };
-const KLIPPER: Family<KlipperFaultKind> = Family { rig: "rigs/klipper.toml", install: klipper };
-
-fn marlin(spec: &RigSpec, scene: &Scene, fault: Option<(When, MarlinFaultKind)>) -> Shared<dyn Instrument> {
-    let axes = spec.stage.travel.axes;
-    let mut board = MarlinBoard {
-        min_ends_mm: axes.map(|travel| travel.min - GRBL_ROOM_MM),
-        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
-        ..MarlinBoard::default()
-    };
-    match fault {
-        Some((When::At(from_s), kind)) => board.faults.push(MarlinFault { from_s, kind }),
-        Some((When::AfterBytes(bytes), kind)) => board.faults_after_bytes.push(MarlinFaultAfterBytes { bytes, kind }),
-        None => {}
-    }
-    Arc::new(Mutex::new(MarlinEmulator::new(board, scene)))
-}
-
-fn grbl(spec: &RigSpec, scene: &Scene, fault: Option<(When, GrblFaultKind)>) -> Shared<dyn Instrument> {
-    let axes = spec.stage.travel.axes;
-    let stock = GrblBoard::default();
-    let mut board = GrblBoard {
-        settings: stock.settings.clone().with(GrblBoard::SOFT_LIMITS, 0.0).with(GrblBoard::HOMING, 0.0),
-        plus_ends_mm: axes.map(|travel| travel.max + GRBL_ROOM_MM),
-        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
-        ..stock
-    };
-    board.settings = (0..3).fold(board.settings, |settings, axis| {
-        let (rate_mm_s, a_mm_s2) = (settings.most_mm_s(axis.into()), settings.acceleration_mm_s2(axis.into()));
-        settings
-            .with(GrblBoard::RATE + axis, 60.0 * rate_mm_s.max(spec.stage.speed_mm_s))
-            .with(GrblBoard::ACCELERATION + axis, a_mm_s2.max(spec.stage.acceleration_mm_s2))
-    });
-    match fault {
-        Some((When::At(from_s), kind)) => board.faults.push(GrblFault { from_s, kind }),
-        Some((When::AfterBytes(bytes), kind)) => board.faults_after_bytes.push(GrblFaultAfterBytes { bytes, kind }),
-        None => {}
-    }
-    Arc::new(Mutex::new(GrblEmulator::new(board, scene)))
-}
-
-fn klipper(spec: &RigSpec, scene: &Scene, fault: Option<(When, KlipperFaultKind)>) -> Shared<dyn Instrument> {
-    let axes = spec.stage.travel.axes;
-    let mut board = KlipperBoard {
-        min_ends_mm: axes.map(|travel| travel.min - GRBL_ROOM_MM),
-        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
-        ..KlipperBoard::default()
-    };
-    match fault {
-        Some((When::At(from_s), kind)) => board.faults.push(KlipperFault { from_s, kind }),
-        Some((When::AfterBytes(bytes), kind)) => board.faults_after_bytes.push(KlipperFaultAfterBytes { bytes, kind }),
-        None => {}
-    }
-    Arc::new(Mutex::new(KlipperEmulator::new(board, scene)))
-}
 
 impl<K: Copy + Debug + Send + Sync> Family<K> {
     fn spec(&self) -> RigSpec {
@@ -136,6 +64,11 @@ impl<K: Copy + Debug + Send + Sync> Family<K> {
     /// Gives the stage a fault after some bytes of a run, each in the full tier, and at some times of it. Prints how the runs end, and checks
     /// the force during them and after them.
     fn check(&self, kind: K, moves_itself_n: f64) {
+        self.check_within(kind, moves_itself_n, moves_itself_n);
+    }
+
+    /// The same with what may be left on the specimen, N, where nothing moves the stage any more.
+    fn check_within(&self, kind: K, moves_itself_n: f64, left_n: f64) {
         let sound = self.run(None);
         assert!(sound.ending.halt.is_none(), "{}: {:?}", self.rig, sound.ending.text());
         let count = campaign::size(RUNS.0, RUNS.1.min(sound.bytes as usize));
@@ -151,17 +84,16 @@ impl<K: Copy + Debug + Send + Sync> Family<K> {
         });
         let mut ends: BTreeMap<&str, usize> = BTreeMap::new();
         outcomes.iter().for_each(|(_, _, end, _)| *ends.entry(end).or_default() += 1);
-        let (most_n, left_n) = outcomes
+        let (most_n, rest_n) = outcomes
             .iter()
             .fold((0.0f64, 0.0f64), |(most, left), (force, rest, ..)| (most.max(*force), left.max(*rest)));
         println!(
-            "{} {kind:?}: {} runs, largest force {most_n:.3} N, {left_n:.3} N left, ends {ends:?}",
+            "{} {kind:?}: {} runs, largest force {most_n:.3} N, {rest_n:.3} N left, ends {ends:?}",
             self.rig,
             whens.len()
         );
-        let is_over = |(force_n, left_n): (f64, f64)| {
-            force_n > MOST * LIMIT_N + moves_itself_n || left_n > LEFT_N + moves_itself_n
-        };
+        let is_over =
+            |(force_n, rest_n): (f64, f64)| force_n > MOST * LIMIT_N + moves_itself_n || rest_n > LEFT_N + left_n;
         let broken = whens.iter().zip(&outcomes).filter(|(_, (force_n, left_n, ..))| is_over((*force_n, *left_n)));
         let broken = broken.map(|(when, outcome)| format!("{when:?} {kind:?}: {outcome:?}"));
         must_be_none(&broken.collect::<Vec<_>>());
@@ -185,7 +117,7 @@ fn a_marlin_with_lost_doubled_or_endless_answers_or_jumping_counts_presses_no_ha
     // a board whose count jumps between the zero and the line of a motion goes that much farther by itself
     MARLIN.check(CountsJump([0, 0, 400]), 1.0 * DECLARED_N_MM);
     // it is busy for ever: nothing can move it
-    MARLIN.check(Busy, LIMIT_N);
+    MARLIN.check_within(Busy, 0.0, LIMIT_N);
 }
 
 #[test]
@@ -218,5 +150,52 @@ fn a_klipper_that_restarts_or_has_a_second_client_presses_no_harder_and_lets_go(
     }
     for script in ["G92 Z0", "G91", "SET_KINEMATIC_POSITION Z=100", "SET_GCODE_OFFSET Z=1"] {
         KLIPPER.check(KlipperFaultKind::Other(script), 0.0);
+    }
+}
+
+#[test]
+fn an_esp301_that_restarts_is_mirrored_or_has_a_second_host_presses_no_harder() {
+    use EspFaultKind::{DoubledAnswer, LostAnswer, Mirrored, NeverDone, Other, Restart};
+    for kind in [LostAnswer, DoubledAnswer, Restart { motors_on: true, takes_s: 3.0 }, Other("3DH0"), Other("3PA-20")] {
+        ESP301.check(kind, 0.0);
+    }
+    // its motors are off, or it is said to move for ever
+    for kind in [Restart { motors_on: false, takes_s: 3.0 }, NeverDone] {
+        ESP301.check_within(kind, 0.0, LIMIT_N);
+    }
+    // the way out of a press has the rig's speed, at which it goes 1.3 mm until it rests
+    ESP301.check_within(Mirrored(Axis::Z), 1.3 * DECLARED_N_MM, f64::INFINITY);
+}
+
+#[test]
+fn an_xps_that_restarts_or_has_a_second_client_presses_no_harder() {
+    use XpsFaultKind::{DoubledAnswer, LostAnswer, Restart};
+    for kind in [LostAnswer, DoubledAnswer] {
+        XPS.check(kind, 0.0);
+    }
+    // no group is initialised afterwards: nothing moves
+    XPS.check_within(Restart { takes_s: 3.0 }, 0.0, LIMIT_N);
+}
+
+#[test]
+fn an_arm_whose_tcp_another_client_moves_presses_no_harder() {
+    for program in
+        ["sec tool():\n set_tcp(p[0,0,0.01,0,0,0])\nend\n", "sec tool():\n set_tcp(p[0,0,-0.01,0,0,0])\nend\n"]
+    {
+        ARM.check(UrFaultKind::Other(program), 0.0);
+    }
+}
+
+#[test]
+fn a_program_that_forgets_or_ignores_presses_no_harder() {
+    use ProcessStageFaultKind::{
+        CountsJump, DoubledAnswer, IgnoresStop, LosesCount, LostAnswer, NeverDone, Restart, ToIsRelative,
+    };
+    for kind in [LostAnswer, DoubledAnswer, LosesCount, CountsJump([0.0, 0.0, 1.0]), IgnoresStop, ToIsRelative] {
+        PROGRAM.check(kind, 0.0);
+    }
+    // it is said to move for ever, or isn't prepared
+    for kind in [NeverDone, Restart] {
+        PROGRAM.check_within(kind, 0.0, LIMIT_N);
     }
 }

@@ -18,16 +18,23 @@ fn program(number: i32, lines: &str) -> String {
     )
 }
 
-/// Returns a program with one straight motion, mm, mm/s and mm/s^2.
-pub(super) fn motion(
-    number: i32,
-    to_mm: [f64; 3],
-    rotation_rad: [f64; 3],
-    speed_mm_s: f64,
-    acceleration_mm_s2: f64,
-) -> String {
-    let (to, a, v) = (pose(to_mm, rotation_rad), acceleration_mm_s2 / 1000.0, speed_mm_s / 1000.0);
-    program(number, &format!("  movel({to}, a={a:.6}, v={v:.6})\n"))
+/// A straight motion, mm in the base.
+pub(super) struct StraightMotion {
+    /// Where the tool came to rest, and how far it may be from there.
+    pub from_mm: ([f64; 3], f64),
+    pub to_mm: [f64; 3],
+    pub rotation_rad: [f64; 3],
+}
+
+/// Returns a program with one straight motion, mm/s and mm/s^2. The robot itself compares where the tool is: another client may set
+/// another TCP at any moment before the motion, and the target would be another place.
+pub(super) fn motion(number: i32, way: &StraightMotion, speed_mm_s: f64, acceleration_mm_s2: f64) -> String {
+    let (from, most_m) = (pose(way.from_mm.0, way.rotation_rad), way.from_mm.1 / 1000.0);
+    let (to, a, v) = (pose(way.to_mm, way.rotation_rad), acceleration_mm_s2 / 1000.0, speed_mm_s / 1000.0);
+    let lines = format!(
+        "  if (point_dist(get_target_tcp_pose(), {from}) < {most_m:.6}):\n  movel({to}, a={a:.6}, v={v:.6})\n  end\n"
+    );
+    program(number, &lines)
 }
 
 /// Returns a program with one straight motion from where the tool is, without turning it, mm in the base, mm/s and mm/s^2. The robot itself

@@ -2,7 +2,7 @@
 
 use super::frame::{TaughtFrame, length, longest, minus, plus, sideways_mm};
 use super::rtde::{RobotState, Rtde};
-use super::script;
+use super::script::{self, StraightMotion};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
 use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
@@ -275,16 +275,8 @@ impl Ur {
         let state = started.map_err(|error| self.failed(doing, &error))?;
         let is_leaving = by_mm[0] == 0.0 && by_mm[1] == 0.0 && by_mm[2] * usage.away > 0.0;
         let (to_mm, frame) = (plus(self.at_mm, by_mm), &self.settings.frame);
-        let way_mm = minus(frame.to_base(by_mm), frame.origin_mm());
-        let [x_mm, y_mm, _] = frame.to_stage(state.at_mm);
-        // with another TCP or frame, the place of the tip means something else
-        let is_lost = length(minus(state.at_mm, frame.to_base(self.at_mm))) > self.settings.path_error_mm;
-        // the way out is straight from where the tip is, which isn't where it was sent if the arm gives way
-        let target_mm = match (is_leaving, is_lost) {
-            (false, _) => frame.to_base(to_mm),
-            (true, false) => frame.to_base([x_mm, y_mm, to_mm[2]]),
-            (true, true) => plus(state.at_mm, way_mm),
-        };
+        let (rest_mm, target_mm) = (frame.to_base(self.at_mm), frame.to_base(to_mm));
+        let way_mm = minus(target_mm, rest_mm);
         self.motion = Some(ArmMotion {
             from_mm: state.at_mm,
             to_mm: target_mm,
@@ -304,11 +296,11 @@ impl Ur {
         }
         // speed and acceleration of the rig are those of an axis
         let (v, a) = (speed_mm_s * along_path, usage.acceleration_mm_s2 * along_path);
-        // on the way out the tool doesn't turn
-        let rotation_rad = if is_leaving { state.rotation_rad } else { self.settings.frame.tool_rad() };
-        self.send(doing, |number| match is_leaving && is_lost {
+        let from_mm = (rest_mm, self.settings.path_error_mm);
+        let way = StraightMotion { from_mm, to_mm: target_mm, rotation_rad: self.settings.frame.tool_rad() };
+        self.send(doing, |number| match is_leaving {
             true => script::displacement(number, way_mm, v, a),
-            false => script::motion(number, target_mm, rotation_rad, v, a),
+            false => script::motion(number, &way, v, a),
         })
         .await?;
         self.at_mm = to_mm;
@@ -344,10 +336,19 @@ impl Ur {
         };
         let state = self.until(doing, expected + MOTION_MARGIN, orders, is_done, &late).await?;
         let at_mm = self.settings.frame.to_stage(state.at_mm);
-        if self.motion.is_some_and(|motion| motion.is_stopped) {
-            self.at_mm = at_mm;
+        let is_off = length(minus(at_mm, self.at_mm)) > self.settings.path_error_mm;
+        let ended = self.motion.take();
+        self.is_awaited = false;
+        match ended {
+            Some(motion) if motion.is_stopped || (is_off && motion.is_leaving) => self.at_mm = at_mm,
+            Some(_) if is_off => {
+                self.at_mm = at_mm;
+                let text =
+                    "it didn't go: its tool wasn't where it came to rest. Another client moved it, or set another TCP";
+                return Err(self.error(doing, DeviceProblem::Motion(text.to_owned())));
+            }
+            _ => {}
         }
-        (self.motion, self.is_awaited) = (None, false);
         Ok(at_mm)
     }
 

@@ -239,7 +239,8 @@ async fn each_motion_is_one_program_with_one_straight_line() {
         let programs = arm.lock().unwrap().programs.clone();
         assert!(programs[0].contains("is_within_safety_limits(p[") && !programs[0].contains("movel"));
         let motion = "def palpate():\n  if (read_output_integer_register(40) < 6):\n  write_output_integer_register(40, 6)\n  \
-                      movel(p[0.3000000,-0.2000000,0.0990000,0.000000,3.141593,0.000000], a=0.100000, v=0.002000)\n  \
+                      if (point_dist(get_target_tcp_pose(), p[0.3000000,-0.2000000,0.1020000,0.000000,3.141593,0.000000]) < 0.000100):\n  \
+                      movel(p[0.3000000,-0.2000000,0.0990000,0.000000,3.141593,0.000000], a=0.100000, v=0.002000)\n  end\n  \
                       write_output_integer_register(41, 6)\n  end\nend\n";
         assert_eq!(programs[1], motion);
         // along the diagonal, so that neither axis is faster than 2 mm/s

@@ -139,7 +139,8 @@ impl Xps {
             let [v, a, least, most] = profile;
             let positioner = self.positioner(axis);
             let call = format!("PositionerSGammaParametersSet({positioner},{v:.6},{a:.6},{least},{most})");
-            self.profiles[axis.index()] = [f64::NAN; 4]; // unknown until it is answered
+            // unknown until it is answered; nobody else changes the jerk times
+            self.profiles[axis.index()] = [f64::NAN, a, least, most];
             let doing = "setting a speed";
             let Xps { asks, brakes, .. } = self;
             brakes.ready_during(orders, asks.call(doing, &call, CALL_DEADLINE)).await?;

@@ -165,7 +165,7 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
             // after a trip or a failure, the specimen may have risen
             let is_doubtful = matches!(ending.halt, Some(Halt::Tripped(_) | Halt::Device(_)));
             let park_mm = if is_doubtful { spec.top_mm() } else { runner.park_mm() };
-            ending.unparked = runner.rig_control.leave(ending.halt.as_ref(), park_mm).await.err();
+            ending.unparked = runner.rig_control.leave(ending.halt.as_ref(), park_mm, &spec.limits).await.err();
             if ending.halt.is_some() || ending.unparked.is_some() {
                 let doubted = ending.unparked.as_ref().or(ending.halt.as_ref());
                 ending.remaining = runner.rig_control.remaining(doubted).await;

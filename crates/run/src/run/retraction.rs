@@ -2,8 +2,8 @@
 
 use super::Halt;
 use super::rig_control::{RigControl, WatchedLoadCell};
-use palpate_control::{MotionProfile, SafetyRule, Trip, check_sound};
-use palpate_core::quantity::{Axis, Steps, seconds};
+use palpate_control::{MotionProfile, SafetyRule, Timing, Trip, check_sound, safe_speed_mm_s};
+use palpate_core::quantity::{Axis, Limits, Steps, seconds};
 use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, timeout};
 use std::time::Duration;
@@ -15,6 +15,8 @@ const RETRACT_TRIES: usize = 3;
 
 /// Longest end of a run that was halted, beyond the motion under way and the way up.
 const END_DEADLINE: Duration = Duration::from_secs(5);
+/// Slowest way out, mm/s: a stiffer specimen isn't left any slower.
+const LEAVES_LEAST_MM_S: f64 = 1.0;
 /// Longest wait for the last stop of a stage that couldn't be parked.
 const LAST_STOP_DEADLINE: Duration = Duration::from_secs(1);
 
@@ -107,16 +109,21 @@ impl Remaining {
 
 impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Parks the stage at the end of a run. After a halt this takes no longer than the motion under way, the way up at the rig's speed and
-    /// [`END_DEADLINE`]. After a trip or a failure, the specimen may have risen: the stage is stopped and read back until it rests.
+    /// [`END_DEADLINE`]. After a trip or a failure, the specimen may have risen, and z may move the wrong way: the stage is stopped and read
+    /// back until it rests, and goes no faster than a rise of the force can stop it within the limit.
     ///
     /// # Errors
     /// The stage isn't parked.
-    pub(super) async fn leave(&mut self, halt: Option<&Halt>, z_mm: f64) -> Result<(), Halt> {
+    pub(super) async fn leave(&mut self, halt: Option<&Halt>, z_mm: f64, limits: &Limits) -> Result<(), Halt> {
         let Some(halt) = halt else { return self.retract(z_mm).await };
+        let is_doubtful = matches!(halt, Halt::Tripped(_) | Halt::Device(_));
+        if is_doubtful {
+            self.usage.speed_mm_s = self.usage.speed_mm_s.min(self.risen_mm_s(limits));
+        }
         let way_s = self.usage.travel.along(Axis::Z).width() / self.usage.speed_mm_s;
         let most = END_DEADLINE + 2 * seconds(way_s);
         let leaving = async {
-            if matches!(halt, Halt::Tripped(_) | Halt::Device(_)) {
+            if is_doubtful {
                 self.stop_and_see().await?;
             }
             // maybe in contact: the way out depends on no place
@@ -130,6 +137,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             format!("it isn't parked after {:.0} s: press the emergency stop, and free the tip", most.as_secs_f64());
         let (device, doing) = ("stage".to_owned(), "parking it".to_owned());
         Err(DeviceError { device, doing, problem: DeviceProblem::Motion(text) }.into())
+    }
+
+    /// Returns the speed at which a rise of the force stops z within the limit, mm/s.
+    fn risen_mm_s(&self, limits: &Limits) -> f64 {
+        let Timing { reaction_s, conversion_s, exchange_s, acceleration_mm_s2, .. } = self.timing;
+        let reaction_s = reaction_s + RISE_READINGS as f64 * (conversion_s + exchange_s);
+        let room_n = limits.force_n - self.cell.watch.rise_most_n();
+        safe_speed_mm_s(room_n, limits.stiffness_n_mm, reaction_s, acceleration_mm_s2).max(LEAVES_LEAST_MM_S)
     }
 
     /// Stops all axes and retracts to the clear, whether the load cell answers or not. It is used to park, and also at the very
@@ -263,7 +278,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let mut piece_mm = FIRST_PIECE_MM;
         for _ in 0..PIECES_MAX {
             self.read_back_z().await?;
-            self.retract_against_rises(self.z_mm - piece_mm).await?;
+            match self.retract_against_rises(self.z_mm - piece_mm).await {
+                // z is read back before each piece, so its end needn't be exact
+                Err(Halt::Device(DeviceError { problem: DeviceProblem::Coarse(_), .. })) => {}
+                retracted => retracted?,
+            }
             let Some(now_n) = self.cell.at_rest_n().await else { return Ok(false) };
             if now_n < LEFT_LEAST_N {
                 return Ok(true);

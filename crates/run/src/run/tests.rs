@@ -15,6 +15,8 @@ use palpate_link::wire::Claims;
 use std::cell::{Cell, RefCell};
 use std::time::Duration;
 
+const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+
 /// A stage that is where it was sent as soon as it was, and keeps its commands.
 struct StrawStage<'a> {
     text: &'a RefCell<Vec<String>>,
@@ -100,12 +102,11 @@ fn rig_control<'a>(
     cancel: &'a Cancel,
     (early_n, late_n): (f64, f64),
 ) -> RigControl<'a, StrawStage<'a>, StrawCell, StrawArray> {
-    let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let zero = Zero::with_noise(0.003);
     let cell = StrawCell { began: Instant::now(), early_n, late_n, until_s: 0.2 };
     let parts = Instruments {
         stage: StrawStage { text, at_mm: [0.0; 3], takes_s: 0.4 },
-        load_cell: WatchedLoadCell::new(cell, Watch::new(&limits, zero), cancel, &|_| {}),
+        load_cell: WatchedLoadCell::new(cell, Watch::new(&LIMITS, zero), cancel, &|_| {}),
         array: StrawArray,
     };
     let frame = Frame::level(0.0, 0.3, Down::Minus);
@@ -137,9 +138,8 @@ fn rig_control<'a>(
 }
 
 fn permit() -> Permit {
-    let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let zero = Zero::with_noise(0.003);
-    Permit::new(limits, StageBounds::fine(100.0), 0.05, &zero)
+    Permit::new(LIMITS, StageBounds::fine(100.0), 0.05, &zero)
 }
 
 fn rule(result: Result<(), Halt>) -> SafetyRule {
@@ -235,7 +235,7 @@ async fn an_end_takes_no_longer_than_the_way_up_and_five_seconds() {
     let mut rig_control = rig_control(&text, &cancel, (1.0, 1.0));
     rig_control.stage.takes_s = 60.0;
     let began = Instant::now();
-    let left = rig_control.leave(Some(&Halt::Cancelled), -0.3).await.unwrap_err();
+    let left = rig_control.leave(Some(&Halt::Cancelled), -0.3, &LIMITS).await.unwrap_err();
     // 25 mm at 10 mm/s, twice, and 5 s
     let Halt::Device(error) = left else { panic!("{left:?}") };
     assert!(error.to_string().contains("isn't parked after 10 s: press the emergency stop"), "{error}");

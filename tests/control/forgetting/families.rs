@@ -1,0 +1,109 @@
+//! The families of stages, each with an emulator to which a fault can be given.
+
+use palpate_run::rig::RigSpec;
+use palpate_sim::emulator::{
+    DeviceFault, Esp301Emulator, EspFaultKind, FaultAfterBytes, GRBL_ROOM_MM, GrblBoard, GrblEmulator, GrblFaultKind,
+    Instrument, KlipperBoard, KlipperEmulator, KlipperFaultKind, MarlinBoard, MarlinEmulator, MarlinFaultKind,
+    ProcessStageEmulator, ProcessStageFaultKind, Shared, UrArm, UrEmulator, UrFaultKind, XpsEmulator, XpsFaultKind,
+};
+use palpate_sim::scene::Scene;
+use std::f64::consts::PI;
+use std::sync::{Arc, Mutex};
+
+/// When a fault happens.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum When {
+    At(f64),
+    AfterBytes(u64),
+}
+
+/// Returns a stage with a fault, or without.
+pub(super) type Install<K> = fn(&RigSpec, &Scene, Option<(When, K)>) -> Shared<dyn Instrument>;
+
+/// A family of stages, and how a fault is given to one.
+pub(super) struct Family<K: 'static> {
+    pub(super) rig: &'static str,
+    pub(super) install: Install<K>,
+}
+
+pub(super) const MARLIN: Family<MarlinFaultKind> = Family { rig: "rigs/marlin.toml", install: marlin };
+pub(super) const GRBL: Family<GrblFaultKind> = Family { rig: "rigs/matrix.toml", install: grbl };
+pub(super) const KLIPPER: Family<KlipperFaultKind> = Family { rig: "rigs/klipper.toml", install: klipper };
+
+pub(super) const ESP301: Family<EspFaultKind> = Family { rig: "rigs/esp301.toml", install: esp301 };
+pub(super) const XPS: Family<XpsFaultKind> = Family { rig: "rigs/xps.toml", install: xps };
+pub(super) const ARM: Family<UrFaultKind> = Family { rig: "rigs/ur.toml", install: arm };
+pub(super) const PROGRAM: Family<ProcessStageFaultKind> = Family { rig: "rigs/process.toml", install: program };
+
+/// Returns the faults at a time, and those after a number of bytes.
+fn faults<K>(fault: Option<(When, K)>) -> (Vec<DeviceFault<K>>, Vec<FaultAfterBytes<K>>) {
+    match fault {
+        Some((When::At(from_s), kind)) => (vec![DeviceFault { from_s, kind }], Vec::new()),
+        Some((When::AfterBytes(bytes), kind)) => (Vec::new(), vec![FaultAfterBytes { bytes, kind }]),
+        None => (Vec::new(), Vec::new()),
+    }
+}
+
+fn esp301(_: &RigSpec, scene: &Scene, fault: Option<(When, EspFaultKind)>) -> Shared<dyn Instrument> {
+    let (timed, after_bytes) = faults(fault);
+    Arc::new(Mutex::new(Esp301Emulator::new(scene).with_faults(&timed, &after_bytes)))
+}
+
+fn xps(_: &RigSpec, scene: &Scene, fault: Option<(When, XpsFaultKind)>) -> Shared<dyn Instrument> {
+    let (timed, after_bytes) = faults(fault);
+    let positioners = [("XYZ", "X"), ("XYZ", "Y"), ("XYZ", "Z")];
+    Arc::new(Mutex::new(XpsEmulator::new(scene, positioners, 1.0).with_faults(&timed, &after_bytes)))
+}
+
+fn arm(spec: &RigSpec, scene: &Scene, fault: Option<(When, UrFaultKind)>) -> Shared<dyn Instrument> {
+    let (faults, faults_after_bytes) = faults(fault);
+    let step_mm = spec.stage.steps.mm[2];
+    let arm = UrArm { rotvec_rad: [0.0, PI, 0.0], step_mm, faults, faults_after_bytes, ..UrArm::default() };
+    Arc::new(Mutex::new(UrEmulator::new(arm, scene)))
+}
+
+fn program(_: &RigSpec, scene: &Scene, fault: Option<(When, ProcessStageFaultKind)>) -> Shared<dyn Instrument> {
+    let (timed, after_bytes) = faults(fault);
+    Arc::new(Mutex::new(ProcessStageEmulator::new(scene).with_faults(&timed, &after_bytes)))
+}
+
+fn marlin(spec: &RigSpec, scene: &Scene, fault: Option<(When, MarlinFaultKind)>) -> Shared<dyn Instrument> {
+    let axes = spec.stage.travel.axes;
+    let mut board = MarlinBoard {
+        min_ends_mm: axes.map(|travel| travel.min - GRBL_ROOM_MM),
+        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
+        ..MarlinBoard::default()
+    };
+    (board.faults, board.faults_after_bytes) = faults(fault);
+    Arc::new(Mutex::new(MarlinEmulator::new(board, scene)))
+}
+
+fn grbl(spec: &RigSpec, scene: &Scene, fault: Option<(When, GrblFaultKind)>) -> Shared<dyn Instrument> {
+    let axes = spec.stage.travel.axes;
+    let stock = GrblBoard::default();
+    let mut board = GrblBoard {
+        settings: stock.settings.clone().with(GrblBoard::SOFT_LIMITS, 0.0).with(GrblBoard::HOMING, 0.0),
+        plus_ends_mm: axes.map(|travel| travel.max + GRBL_ROOM_MM),
+        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
+        ..stock
+    };
+    board.settings = (0..3).fold(board.settings, |settings, axis| {
+        let (rate_mm_s, a_mm_s2) = (settings.most_mm_s(axis.into()), settings.acceleration_mm_s2(axis.into()));
+        settings
+            .with(GrblBoard::RATE + axis, 60.0 * rate_mm_s.max(spec.stage.speed_mm_s))
+            .with(GrblBoard::ACCELERATION + axis, a_mm_s2.max(spec.stage.acceleration_mm_s2))
+    });
+    (board.faults, board.faults_after_bytes) = faults(fault);
+    Arc::new(Mutex::new(GrblEmulator::new(board, scene)))
+}
+
+fn klipper(spec: &RigSpec, scene: &Scene, fault: Option<(When, KlipperFaultKind)>) -> Shared<dyn Instrument> {
+    let axes = spec.stage.travel.axes;
+    let mut board = KlipperBoard {
+        min_ends_mm: axes.map(|travel| travel.min - GRBL_ROOM_MM),
+        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
+        ..KlipperBoard::default()
+    };
+    (board.faults, board.faults_after_bytes) = faults(fault);
+    Arc::new(Mutex::new(KlipperEmulator::new(board, scene)))
+}
