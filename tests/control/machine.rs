@@ -79,7 +79,7 @@ fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> MachineDraw {
     let (reaction_s, acceleration_mm_s2) = (rng.random_range(0.01..0.3), rng.random_range(20.0..500.0));
     let share = STEP_SHARE * 10f64.powf(stream(seed, 0, "steps").random_range(-2.0..0.0));
     let step_mm = (share * limits.force_n / limits.stiffness_n_mm).min(0.05);
-    let steps = if seed % 4 < 2 { Steps::FINE } else { Steps { mm: [0.0, 0.0, step_mm] } };
+    let steps = if seed % 4 < 2 { Steps::FINE } else { Steps { mm: [0.0, 0.0, step_mm], ..Steps::FINE } };
     let permit = Permit::new(limits, StageBounds { steps, ..StageBounds::fine(acceleration_mm_s2) }, reaction_s, &zero);
     let place = Place::new(rng.random_range(-6.0..6.0), rng.random_range(-6.0..6.0));
     let task = task(rng, &limits);

@@ -87,7 +87,7 @@ fn force_limit_holds_on_a_printer_with_every_failure() {
         let kind = kinds[rng.random_range(0..kinds.len())];
         let from_s = if rng.random_bool(0.2) { 0.0..sound[nth].0 } else { sound[nth].0..sound[nth].1 };
         let mut spec = printer();
-        spec.stage.steps = Steps { mm: [0.0125, 0.0125, STEPS_MM[rng.random_range(0..STEPS_MM.len())]] };
+        spec.stage.steps = Steps { mm: [0.0125, 0.0125, STEPS_MM[rng.random_range(0..STEPS_MM.len())]], ..Steps::FINE };
         // the phase of the steps below the surface isn't known
         let off_mm = rng.random_range(-0.25..0.25);
         spec.scene.mounting = Some(Mounting { origin: Place::default(), rotation_deg: 0.0, z_mm: off_mm });

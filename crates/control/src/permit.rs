@@ -319,7 +319,7 @@ mod tests {
         assert_eq!(permit().advance(&context, 0.71, 1.0).unwrap_err().rule, SafetyRule::NotPermitted);
     }
 
-    const STEPS: Steps = Steps { mm: [0.0, 0.0, 0.02] };
+    const STEPS: Steps = Steps { mm: [0.0, 0.0, 0.02], ..Steps::FINE };
     /// In position 0.003 mm and half a step beyond a target, and read back half a step too high.
     const RESERVE_MM: f64 = 0.003 + 0.01 + 0.01;
 
@@ -438,7 +438,7 @@ mod tests {
             surface in -0.3..0.3f64, k in 1.9..2.0f64, lead in 0.0..0.3f64, start in -1.0..1.5f64, beyond in -2.0..2.0f64,
             step in 0.0005..0.04f64, off in -0.5..0.5f64,
         ) {
-            let steps = Steps { mm: [0.0, 0.0, step] };
+            let steps = Steps { mm: [0.0, 0.0, step], ..Steps::FINE };
             let force_at = |z: f64| k * (z - surface).max(0.0);
             let start = start.min(surface + 1.9 / k);
             let context = MotionContext {

@@ -33,6 +33,10 @@ macro_rules! stages {
                 match self { $(Self::$name(it) => it.home(usage, orders).await,)+ }
             }
 
+            fn position_noise_mm(&self) -> f64 {
+                match self { $(Self::$name(it) => it.position_noise_mm(),)+ }
+            }
+
             fn forget_timing(&mut self) {
                 match self { $(Self::$name(it) => it.forget_timing(),)+ }
             }

@@ -8,8 +8,8 @@ use palpate_sim::emulator::UrFaultKind::{
 };
 use palpate_sim::emulator::{UrArm, UrEmulator, UrFault, UrFaultKind};
 use palpate_sim::scene::ContactLaw;
-use palpate_testing::executions::{Deaths, executed_with, plan};
-use palpate_testing::{exchanged, shipped_text};
+use palpate_testing::executions::{Deaths, executed_with, in_parallel, must_be_none, plan};
+use palpate_testing::{campaign, exchanged, shipped_text};
 use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
 
@@ -75,6 +75,25 @@ fn each_fault_in_a_press_is_named() {
         let text = executed.ending.text().unwrap_or_default();
         assert!(text.contains(expected), "{kind:?}: {text}");
         assert!(executed.truth.force_n < 1.1, "{kind:?}: {} N", executed.truth.force_n);
+    }
+}
+
+/// Recordings of arms at rest have noise of 13 and 20 um in each coordinate of the pose.
+#[test]
+fn an_arm_with_a_noisy_pose_completes_its_runs() {
+    let spec = ARM.rig(2.0, 80.0);
+    let seeds: Vec<u64> = (0..campaign::size(2, 50) as u64).collect();
+    for noise_mm in [0.013, 0.020] {
+        let halted = in_parallel(&seeds, |&seed| {
+            let executed = executed_with(&spec, &ARM.presses(&spec, 10, seed), Deaths::Ignored, &|rig| {
+                let pose_noise = (noise_mm, UrArm::POSE_NOISE.1);
+                let arm = UrArm { rotvec_rad: [0.0, PI, 0.0], step_mm: 0.02, pose_noise, ..UrArm::default() };
+                let stage = UrEmulator::new(arm, &rig.scene.lock().expect("nobody else has it"));
+                rig.stage.replace(Arc::new(Mutex::new(stage)));
+            });
+            executed.ending.halt.map(|halt| format!("{noise_mm} mm, seed {seed}: {halt:?}"))
+        });
+        must_be_none(&halted.into_iter().flatten().collect::<Vec<_>>());
     }
 }
 

@@ -5,6 +5,9 @@ use super::Axis;
 /// Largest distance of a read-back from the axis' target, mm, on a stage whose steps are fine.
 const IN_POSITION_MM: f64 = 0.003;
 
+/// Noise of a read-back that counts as in position, in sd: of ten thousand motions none ends elsewhere by it.
+const NOISE_SIGMAS: f64 = 5.0;
+
 /// Distance that is rounding of a number, mm. It is less than the rounding that a permit allows.
 const ROUNDING_MM: f64 = 5e-10;
 
@@ -16,11 +19,13 @@ const ROUNDING_MM: f64 = 5e-10;
 pub struct Steps {
     /// Step of x, y and z, mm.
     pub mm: [f64; 3],
+    /// Standard deviation of a position that is read back at rest, mm.
+    pub noise_mm: f64,
 }
 
 impl Steps {
     /// Steps too fine to matter.
-    pub const FINE: Steps = Steps { mm: [0.0; 3] };
+    pub const FINE: Steps = Steps { mm: [0.0; 3], noise_mm: 0.0 };
 
     /// Whether no axis has steps that matter.
     pub fn is_fine(&self) -> bool {
@@ -34,7 +39,7 @@ impl Steps {
 
     /// Largest distance of a read-back from the axis' target, mm.
     pub fn in_position_mm(&self, axis: Axis) -> f64 {
-        IN_POSITION_MM + self.along(axis) / 2.0
+        IN_POSITION_MM + self.along(axis) / 2.0 + NOISE_SIGMAS * self.noise_mm
     }
 
     /// Distance by which z may end deeper than its target, added to the possible error of its read-back, mm. Zero on a fine stage.
@@ -69,7 +74,14 @@ impl Steps {
 mod tests {
     use super::*;
 
-    const PRINTER: Steps = Steps { mm: [0.0125, 0.0125, 0.0025] };
+    const PRINTER: Steps = Steps { mm: [0.0125, 0.0125, 0.0025], noise_mm: 0.0 };
+
+    #[test]
+    fn noise_of_a_read_back_counts_as_in_position_and_in_the_reserve() {
+        let arm = Steps { mm: [0.05, 0.05, 0.02], noise_mm: 0.004 };
+        assert!((arm.in_position_mm(Axis::Z) - (0.003 + 0.01 + 0.02)).abs() < 1e-12);
+        assert!((arm.reserve_mm() - (0.033 + 0.01)).abs() < 1e-12);
+    }
 
     #[test]
     fn fine_stage_is_not_rounded_to_steps() {

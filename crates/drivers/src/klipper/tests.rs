@@ -132,7 +132,7 @@ async fn serve(fake: Fake, mut far: DuplexStream) {
 }
 
 fn use_of_it() -> StageUse {
-    StageUse { by_hand: true, steps: Steps { mm: [0.0125, 0.0125, 0.0025] }, ..usage() }
+    StageUse { by_hand: true, steps: Steps { mm: [0.0125, 0.0125, 0.0025], ..Steps::FINE }, ..usage() }
 }
 
 fn printer(fake: &Fake) -> Klipper {

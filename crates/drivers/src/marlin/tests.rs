@@ -39,7 +39,7 @@ const AT_ZERO: &str = "X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:0\nok\n";
 
 /// Returns the use of a printer that a person brought to its zero.
 fn printer() -> StageUse {
-    StageUse { by_hand: true, steps: Steps { mm: [0.0125, 0.0125, 0.0025] }, ..usage() }
+    StageUse { by_hand: true, steps: Steps { mm: [0.0125, 0.0125, 0.0025], ..Steps::FINE }, ..usage() }
 }
 
 /// Sets the number of the next line.
@@ -321,7 +321,7 @@ async fn another_step_and_a_search_for_home_are_refused() {
     };
     let (link, device) = script();
     let mut stage = Marlin::new(link, "script".to_owned());
-    let coarse = StageUse { steps: Steps { mm: [0.0125, 0.0125, 0.00125] }, ..printer() };
+    let coarse = StageUse { steps: Steps { mm: [0.0125, 0.0125, 0.00125], ..Steps::FINE }, ..printer() };
     let text = stage.identify(&coarse).await.unwrap_err().to_string();
     assert!(text.contains("a step of z is 0.002500 mm by its setting M92, the rig states 0.00125 mm"), "{text}");
     drop(stage);

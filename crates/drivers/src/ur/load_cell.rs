@@ -21,7 +21,7 @@ pub struct UrForce {
 impl UrForce {
     /// Creates the load cell behind a link to the robot's RTDE port. The times of readings are relative to `origin`.
     pub fn new(connector: Connector, frame: TaughtFrame, away: f64, link: String, origin: Instant) -> Self {
-        UrForce { robot: Rtde::new(connector), frame, away, link, origin }
+        UrForce { robot: Rtde::new(connector, Rtde::INTERVAL), frame, away, link, origin }
     }
 
     fn failed(&self, doing: &str, error: &WireError) -> DeviceError {

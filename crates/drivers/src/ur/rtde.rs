@@ -6,9 +6,6 @@ use std::io::{Error, ErrorKind};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
-/// Rate of the packages, 1/s. The controller sends at most 500.
-const RATE_HZ: f64 = 1.0 / Rtde::INTERVAL.as_millis() as f64 * 1000.0;
-
 /// Longest wait for an answer, and for the next package of a started stream.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(1);
 
@@ -72,17 +69,20 @@ pub(super) struct Rtde {
     inbox: Vec<u8>,
     recipe: u8,
     is_started: bool,
+    /// Time from one state to the next.
+    interval: Duration,
     /// Texts that the controller sent.
     pub texts: Vec<String>,
 }
 
 impl Rtde {
-    pub(super) fn new(connector: Connector) -> Self {
-        Rtde { connector, stream: None, inbox: Vec::new(), recipe: 0, is_started: false, texts: Vec::new() }
+    pub(super) fn new(connector: Connector, interval: Duration) -> Self {
+        Rtde { connector, stream: None, inbox: Vec::new(), recipe: 0, is_started: false, interval, texts: Vec::new() }
     }
 
-    /// Time from one state to the next.
+    /// Time from one state to the next of a controller of the CB series (RTDE guide), and of a later one.
     pub(super) const INTERVAL: Duration = Duration::from_millis(8);
+    pub(super) const SHORT_INTERVAL: Duration = Duration::from_millis(2);
 
     /// Returns the newest state, and starts the stream if it isn't started.
     pub(super) async fn newest(&mut self) -> Result<RobotState, WireError> {
@@ -154,7 +154,7 @@ impl Rtde {
         self.stream = Some(self.connector.open().await?);
         let accepted = self.ask(package::VERSION, &2u16.to_be_bytes()).await?;
         self.accepted(&accepted, "version 2 of RTDE")?;
-        let mut wanted = RATE_HZ.to_be_bytes().to_vec();
+        let mut wanted = self.interval.as_secs_f64().recip().to_be_bytes().to_vec();
         wanted.extend_from_slice(VARIABLES.as_bytes());
         let answer = self.ask(package::OUTPUTS, &wanted).await?;
         match answer.split_first() {

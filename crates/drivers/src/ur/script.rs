@@ -24,25 +24,26 @@ pub(super) struct StraightMotion {
     pub from_mm: ([f64; 3], f64),
     pub to_mm: [f64; 3],
     pub rotation_rad: [f64; 3],
+    /// Displacement that is made from anywhere else, because it only leads away from the specimen.
+    pub otherwise_mm: Option<[f64; 3]>,
 }
 
 /// Returns a program with one straight motion, mm/s and mm/s^2. The robot itself compares where the tool is: another client may set
-/// another TCP at any moment before the motion, and the target would be another place.
+/// another TCP at any moment before the motion, and the target would be another place. From elsewhere only the way out is made, as a
+/// displacement (script manual, `pose_add`). The target pose has no noise, which would turn the tool a little in each motion.
 pub(super) fn motion(number: i32, way: &StraightMotion, speed_mm_s: f64, acceleration_mm_s2: f64) -> String {
-    let (from, most_m) = (pose(way.from_mm.0, way.rotation_rad), way.from_mm.1 / 1000.0);
-    let (to, a, v) = (pose(way.to_mm, way.rotation_rad), acceleration_mm_s2 / 1000.0, speed_mm_s / 1000.0);
+    let StraightMotion { from_mm: (from_mm, most_mm), to_mm, rotation_rad, otherwise_mm } = *way;
+    let (from, to) = (pose(from_mm, rotation_rad), pose(to_mm, rotation_rad));
+    let profile = format!("a={:.6}, v={:.6}", acceleration_mm_s2 / 1000.0, speed_mm_s / 1000.0);
+    let otherwise = otherwise_mm.map(|by_mm| {
+        format!("  else:\n  movel(pose_add(get_target_tcp_pose(), {}), {profile})\n", pose(by_mm, [0.0; 3]))
+    });
     let lines = format!(
-        "  if (point_dist(get_target_tcp_pose(), {from}) < {most_m:.6}):\n  movel({to}, a={a:.6}, v={v:.6})\n  end\n"
+        "  if (point_dist(get_target_tcp_pose(), {from}) < {:.6}):\n  movel({to}, {profile})\n{}  end\n",
+        most_mm / 1000.0,
+        otherwise.unwrap_or_default()
     );
     program(number, &lines)
-}
-
-/// Returns a program with one straight motion from where the tool is, without turning it, mm in the base, mm/s and mm/s^2. The robot itself
-/// adds the displacement (script manual, `pose_add`), so another TCP or frame doesn't change it. The target pose has no noise, which would
-/// turn the tool a little in each motion.
-pub(super) fn displacement(number: i32, by_mm: [f64; 3], speed_mm_s: f64, acceleration_mm_s2: f64) -> String {
-    let (by, a, v) = (pose(by_mm, [0.0; 3]), acceleration_mm_s2 / 1000.0, speed_mm_s / 1000.0);
-    program(number, &format!("  movel(pose_add(get_target_tcp_pose(), {by}), a={a:.6}, v={v:.6})\n"))
 }
 
 /// Returns a program that replaces the one under way and brings the arm to rest.

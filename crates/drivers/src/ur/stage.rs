@@ -29,7 +29,12 @@ const TILT_RAD: f64 = 0.01;
 const STOP_MM_S2: f64 = 500.0;
 
 /// Number of states in which a program that began is neither running nor at its end.
-const IDLE_STATES_MAX: usize = 5;
+const IDLE_STATES_MAX: usize = 20;
+
+/// Time of the states whose mean is a position at rest, and number of such means from which its noise is known. The pose of an arm at rest
+/// has noise of 10 to 20 um (recordings of arms of the e-Series), so a single state may be off by more than half a step.
+const MEAN_TIME: Duration = Duration::from_millis(50);
+const NOISE_MEANS: usize = 8;
 
 /// Slowest setting of the speed slider with which a run continues.
 const PACE_LEAST: f64 = 0.05;
@@ -83,6 +88,8 @@ pub struct Ur {
     pace: f64,
     /// Whether its last state allows a motion.
     is_running: bool,
+    /// Standard deviation of each coordinate of a position at rest, mm.
+    noise_mm: f64,
 }
 
 /// Motion under way, in the base, mm.
@@ -101,8 +108,10 @@ struct ArmMotion {
 impl Ur {
     /// Creates an arm behind its links; nothing is sent yet. `link` is its name in messages.
     pub fn new(links: RobotLinks, settings: RobotSettings, link: String) -> Self {
+        let is_cb = ["UR3", "UR5", "UR10"].contains(&settings.model.as_str());
+        let interval = if is_cb { Rtde::INTERVAL } else { Rtde::SHORT_INTERVAL };
         Ur {
-            robot: Rtde::new(links.rtde),
+            robot: Rtde::new(links.rtde, interval),
             programs: LineLink::new(links.programs, "\n", LINE_BYTES_MAX),
             dashboard: LineLink::new(links.dashboard, "\n", LINE_BYTES_MAX),
             settings,
@@ -114,6 +123,7 @@ impl Ur {
             motion: None,
             pace: 1.0,
             is_running: false,
+            noise_mm: 0.0,
         }
     }
 
@@ -275,8 +285,12 @@ impl Ur {
         let state = started.map_err(|error| self.failed(doing, &error))?;
         let is_leaving = by_mm[0] == 0.0 && by_mm[1] == 0.0 && by_mm[2] * usage.away > 0.0;
         let (to_mm, frame) = (plus(self.at_mm, by_mm), &self.settings.frame);
-        let (rest_mm, target_mm) = (frame.to_base(self.at_mm), frame.to_base(to_mm));
-        let way_mm = minus(target_mm, rest_mm);
+        let rest_mm = frame.to_base(self.at_mm);
+        let [x_mm, y_mm, _] = frame.to_stage(state.at_mm);
+        // the way out is straight from where the tip is, which isn't where it was sent if the arm gives way
+        let is_near = length(minus(state.at_mm, rest_mm)) <= self.settings.path_error_mm;
+        let target_mm = frame.to_base(if is_leaving && is_near { [x_mm, y_mm, to_mm[2]] } else { to_mm });
+        let otherwise_mm = is_leaving.then(|| minus(frame.to_base(by_mm), frame.origin_mm()));
         self.motion = Some(ArmMotion {
             from_mm: state.at_mm,
             to_mm: target_mm,
@@ -297,12 +311,10 @@ impl Ur {
         // speed and acceleration of the rig are those of an axis
         let (v, a) = (speed_mm_s * along_path, usage.acceleration_mm_s2 * along_path);
         let from_mm = (rest_mm, self.settings.path_error_mm);
-        let way = StraightMotion { from_mm, to_mm: target_mm, rotation_rad: self.settings.frame.tool_rad() };
-        self.send(doing, |number| match is_leaving {
-            true => script::displacement(number, way_mm, v, a),
-            false => script::motion(number, &way, v, a),
-        })
-        .await?;
+        // on the way out the tool doesn't turn
+        let rotation_rad = if is_leaving { state.rotation_rad } else { self.settings.frame.tool_rad() };
+        let way = StraightMotion { from_mm, to_mm: target_mm, rotation_rad, otherwise_mm };
+        self.send(doing, |number| script::motion(number, &way, v, a)).await?;
         self.at_mm = to_mm;
         let late = "it doesn't begin a program: is it in remote control, and no message on the pendant?";
         self.until(doing, BEGUN_DEADLINE, orders, |own, state| state.begun == own.number, late).await?;
@@ -317,6 +329,32 @@ impl Ur {
             let text = format!("its tool is {off_mm:.3} mm from where it came to rest: something else moved it");
             return Err(self.error(doing, DeviceProblem::Motion(text)));
         }
+        Ok(())
+    }
+
+    /// Returns where the axes are at rest, mm: the mean of a state and of those after it.
+    async fn mean_mm(&mut self, doing: &str, first: &RobotState) -> Result<[f64; 3], DeviceError> {
+        let (mut sum_mm, mut count, begun) = (first.at_mm, 1.0, Instant::now());
+        while begun.elapsed() < MEAN_TIME {
+            let state = self.robot.next().await;
+            sum_mm = plus(sum_mm, state.map_err(|error| self.failed(doing, &error))?.at_mm);
+            count += 1.0;
+        }
+        Ok(self.settings.frame.to_stage(sum_mm.map(|sum| sum / count)))
+    }
+
+    /// Measures the noise of a position, as the arm is read back at rest.
+    async fn measure_noise(&mut self, doing: &str) -> Result<(), DeviceError> {
+        let mut means_mm = [[0.0; 3]; NOISE_MEANS];
+        let mut state = self.robot.next().await.map_err(|error| self.failed(doing, &error))?;
+        for mean_mm in &mut means_mm {
+            *mean_mm = self.mean_mm(doing, &state).await?;
+            state = self.robot.next().await.map_err(|error| self.failed(doing, &error))?;
+        }
+        let middle_mm =
+            means_mm.iter().fold([0.0; 3], |sum, mean| plus(sum, *mean)).map(|sum| sum / NOISE_MEANS as f64);
+        let squares: f64 = means_mm.iter().map(|mean| length(minus(*mean, middle_mm)).powi(2)).sum();
+        self.noise_mm = (squares / (3 * (NOISE_MEANS - 1)) as f64).sqrt();
         Ok(())
     }
 
@@ -335,7 +373,7 @@ impl Ur {
             has_ended && state.runtime == STOPPED && length(state.speed_mm_s) < REST_MM_S
         };
         let state = self.until(doing, expected + MOTION_MARGIN, orders, is_done, &late).await?;
-        let at_mm = self.settings.frame.to_stage(state.at_mm);
+        let at_mm = self.mean_mm(doing, &state).await?;
         let is_off = length(minus(at_mm, self.at_mm)) > self.settings.path_error_mm;
         let ended = self.motion.take();
         self.is_awaited = false;
@@ -462,9 +500,15 @@ impl Stage for Ur {
         }
         let checked = self.check_reach(doing, usage, orders).await;
         self.settle(checked).await?;
+        let measured = self.measure_noise(doing).await;
+        self.settle(measured).await?;
         self.robot.pause().await;
         self.usage = Some(usage.clone());
         Ok(())
+    }
+
+    fn position_noise_mm(&self) -> f64 {
+        self.noise_mm
     }
 
     async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
@@ -505,8 +549,12 @@ impl Stage for Ur {
     }
 
     async fn position_mm(&mut self, axis: Axis, _: &MotionOrders) -> Result<f64, DeviceError> {
-        let state = self.state("reading a position").await?;
-        Ok(self.settings.frame.to_stage(state.at_mm)[axis.index()])
+        let doing = "reading a position";
+        let started = self.robot.start().await;
+        let state = started.map_err(|error| self.failed(doing, &error))?;
+        let at_mm = self.mean_mm(doing, &state).await;
+        self.robot.pause().await;
+        Ok(at_mm?[axis.index()])
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {

@@ -89,8 +89,23 @@ impl FakeArm {
             return;
         }
         self.ended = numbers[0];
-        if let Some((motion, rest)) = program.split_once("movel(").and_then(|(_, motion)| motion.split_once("p[")) {
-            let pose: Vec<f64> = rest.split(']').next().unwrap().split(',').map(|each| each.parse().unwrap()).collect();
+        let pose_in = |rest: &str| -> Vec<f64> {
+            rest.split(']').next().unwrap().split(',').map(|each| each.parse().unwrap()).collect()
+        };
+        // the first motion from where the program expects the tool, the one after `else` from anywhere else
+        let (_, condition) = program.split_once("point_dist(get_target_tcp_pose(), p[").unwrap_or_default();
+        let branch = if condition.is_empty() {
+            ""
+        } else {
+            let (from, most) = (pose_in(condition), condition.split_once(") < ").unwrap().1);
+            let most_mm = 1000.0 * most.split(')').next().unwrap().parse::<f64>().unwrap();
+            let off: [f64; 3] = std::array::from_fn(|axis| 1000.0 * from[axis] - ORIGIN_MM[axis] - self.at_mm[axis]);
+            let is_there = super::frame::length(off) < most_mm;
+            let (there, elsewhere) = condition.split_once("else:").unwrap_or((condition, ""));
+            if is_there { there } else { elsewhere }
+        };
+        if let Some((motion, rest)) = branch.split_once("movel(").and_then(|(_, motion)| motion.split_once("p[")) {
+            let pose = pose_in(rest);
             let zero_mm = match motion {
                 "" => ORIGIN_MM.map(|mm| -mm),
                 "pose_add(get_target_tcp_pose(), " => self.at_mm,
@@ -140,7 +155,7 @@ async fn rtde(arm: Arm, mut far: DuplexStream) {
                         b"\x00\x04V\x01"
                     }
                     b'O' => {
-                        assert_eq!(rest[..8], 125f64.to_be_bytes());
+                        assert_eq!(rest[..8], 500f64.to_be_bytes());
                         assert!(rest[8..].starts_with(b"actual_TCP_pose,actual_TCP_speed,actual_TCP_force,"));
                         b"\x00\x51O\x07VECTOR6D,VECTOR6D,VECTOR6D,DOUBLE,DOUBLE,INT32,INT32,UINT32,INT32,INT32,INT32"
                     }

@@ -204,6 +204,11 @@ pub trait Stage {
     /// error. The stage was [identified](Stage::identify) before.
     fn home(&mut self, usage: &StageUse, orders: &MotionOrders) -> impl Future<Output = Result<(), DeviceError>>;
 
+    /// Standard deviation of a position as it is read back at rest, mm, measured while the stage was prepared.
+    fn position_noise_mm(&self) -> f64 {
+        0.0
+    }
+
     /// Resets learned timing at the start of a press.
     fn forget_timing(&mut self) {}
 
@@ -296,7 +301,7 @@ mod tests {
             home_z_mm: 12.5,
             by_hand: false,
             homed: false,
-            steps: Steps { mm: [0.01, 0.01, 0.0025] },
+            steps: Steps { mm: [0.01, 0.01, 0.0025], ..Steps::FINE },
             home_search: HomeSearch::Away,
             abilities: StageAbilities::FINISHES,
         }

@@ -151,7 +151,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
 }
 
 fn read_steps(table: &Table) -> Option<Steps> {
-    Some(Steps { mm: table.numbers([step_mm::x, step_mm::y, step_mm::z])? })
+    Some(Steps { mm: table.numbers([step_mm::x, step_mm::y, step_mm::z])?, ..Steps::FINE })
 }
 
 fn read_load_cell(table: &Table, beside: Beside) -> Option<LoadCellSpec> {

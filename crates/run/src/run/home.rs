@@ -267,7 +267,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     }
 
     async fn home_all(&mut self, reading: ReadingMode) -> Result<(), Unmoved> {
-        self.moves(reading, async |stage, usage, orders| stage.home(usage, orders).await).await
+        self.moves(reading, async |stage, usage, orders| stage.home(usage, orders).await).await?;
+        self.usage.steps.noise_mm = self.stage.position_noise_mm();
+        Ok(())
     }
 
     /// Moves z slightly away from the specimen. Returns whether z moved.

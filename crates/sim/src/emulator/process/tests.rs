@@ -111,7 +111,7 @@ fn a_printer_moves_by_whole_steps_from_the_step_it_rests_on() {
 
 fn printer(homed: bool) -> (ProcessStageEmulator, Scene) {
     let scene = scene();
-    let steps = Steps { mm: [0.0125, 0.0125, 0.0025] };
+    let steps = Steps { mm: [0.0125, 0.0125, 0.0025], ..Steps::FINE };
     let stage =
         ProcessStageEmulator::printer(&scene, Printer { ends_mm: [Range { min: -12.5, max: 12.5 }; 3], steps, homed });
     (stage, scene)

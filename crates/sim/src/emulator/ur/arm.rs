@@ -23,9 +23,7 @@ pub struct UrArm {
     /// Serial number.
     pub serial: String,
     /// Standard deviation of each coordinate of the reported pose, mm, and of each rotation, rad: white from one control cycle to the
-    /// next. The planned pose has none.
-    ///
-    /// None by default: [`UrArm::POSE_NOISE`] has that of an arm at rest.
+    /// next. The planned pose has none. [`UrArm::POSE_NOISE`] by default.
     pub pose_noise: (f64, f64),
     /// Error of each component of the reported force, N: a constant offset, a drift over minutes, and noise of a fiftieth.
     pub force_error_n: f64,
@@ -52,7 +50,7 @@ impl Default for UrArm {
             step_mm: 0.001,
             model: String::from("UR5e"),
             serial: String::from("20195500001"),
-            pose_noise: (0.0, 0.0),
+            pose_noise: UrArm::POSE_NOISE,
             force_error_n: 4.0,
             faults: Vec::new(),
             faults_after_bytes: Vec::new(),
