@@ -31,8 +31,9 @@ const MOST: f64 = 1.1;
 /// Least force that counts as left on the specimen, N.
 const LEFT_N: f64 = 0.05;
 
-/// Runs of a form: quick, and full where a press has more bytes than this.
-const RUNS: (usize, usize) = (6, 3000);
+/// Runs of a form: quick, and full where a press has more bytes than this. The boards of printers restart after each byte.
+const RUNS: (usize, usize) = (4, 500);
+const RUNS_OF_PRINTERS: (usize, usize) = (6, 3000);
 
 impl<K: Copy + Debug + Send + Sync> Family<K> {
     fn spec(&self) -> RigSpec {
@@ -71,7 +72,9 @@ impl<K: Copy + Debug + Send + Sync> Family<K> {
     fn check_within(&self, kind: K, moves_itself_n: f64, left_n: f64) {
         let sound = self.run(None);
         assert!(sound.ending.halt.is_none(), "{}: {:?}", self.rig, sound.ending.text());
-        let count = campaign::size(RUNS.0, RUNS.1.min(sound.bytes as usize));
+        let (quick, full) =
+            if [MARLIN.rig, GRBL.rig, KLIPPER.rig].contains(&self.rig) { RUNS_OF_PRINTERS } else { RUNS };
+        let count = campaign::size(quick, full.min(sound.bytes as usize));
         let mut rng = stream(1, 0, "when a stage forgets");
         let mut whens: Vec<When> = (0..count as u64)
             .map(|nth| if count as u64 >= sound.bytes { nth + 1 } else { rng.random_range(1..=sound.bytes) })
