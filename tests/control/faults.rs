@@ -312,6 +312,7 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
             "noisy",
             "wrong-sign",
             "no-response",
+            "fallen",
             "hard-contact",
             "rises-at-rest",
             "softer-than-taught",
