@@ -3,19 +3,17 @@
 //! A motion is a displacement, so what a board forgets or somebody else sets changes no end point. Judged by the true values.
 //! `PALPATE_TESTS=full` restarts after each byte.
 
-mod families;
-
-use families::{ARM, ESP301, Family, GRBL, KLIPPER, MARLIN, PROGRAM, When, XPS};
+use super::families::{ARM, ESP301, Family, GRBL, KLIPPER, MARLIN, PROGRAM, When, XPS};
 use palpate_core::quantity::{Axis, stream};
 use palpate_data::recipe::Plan;
-use palpate_run::rig::{self, RigSpec, SimulatedRig};
+use palpate_run::rig::RigSpec;
 use palpate_sim::emulator::{
     EspFaultKind, GrblFaultKind, GrblWelcome, KlipperFaultKind, MarlinAnnounced, MarlinFaultKind,
     ProcessStageFaultKind, UrFaultKind, XpsFaultKind,
 };
 use palpate_sim::scene::ContactLaw;
+use palpate_testing::campaign;
 use palpate_testing::executions::{Deaths, ExecutedRun, end_of, executed_with, in_parallel, must_be_none, plan};
-use palpate_testing::{campaign, shipped_text};
 use rand::RngExt;
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -36,10 +34,8 @@ const RUNS: (usize, usize) = (4, 500);
 const RUNS_OF_PRINTERS: (usize, usize) = (6, 3000);
 
 impl<K: Copy + Debug + Send + Sync> Family<K> {
-    fn spec(&self) -> RigSpec {
-        let text = shipped_text(self.rig);
-        let mut spec =
-            rig::parse(self.rig, &text, &|_| unreachable!("no map of its own")).expect("the shipped rig").simulated();
+    fn over_specimen(&self) -> RigSpec {
+        let mut spec = self.spec();
         (spec.limits.force_n, spec.limits.stiffness_n_mm) = (LIMIT_N, DECLARED_N_MM);
         spec.scene.contact = ContactLaw { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
         spec.scene.relaxation.clear();
@@ -54,12 +50,8 @@ impl<K: Copy + Debug + Send + Sync> Family<K> {
     }
 
     fn run(&self, fault: Option<(When, K)>) -> ExecutedRun {
-        let spec = self.spec();
-        let tamper = |rig: &mut SimulatedRig| {
-            let stage = (self.install)(&spec, &rig.scene.lock().expect("nobody else has it"), fault);
-            rig.stage.replace(stage);
-        };
-        executed_with(&spec, &self.press(&spec), Deaths::Ignored, &tamper)
+        let spec = self.over_specimen();
+        executed_with(&spec, &self.press(&spec), Deaths::Ignored, &|rig| self.install(&spec, rig, fault))
     }
 
     /// Gives the stage a fault after some bytes of a run, each in the full tier, and at some times of it. Prints how the runs end, and checks

@@ -5,6 +5,7 @@ mod bench_ills;
 mod drags;
 mod false_alarms;
 mod false_trips;
+mod families;
 mod faults;
 mod finishing;
 mod first_descent;

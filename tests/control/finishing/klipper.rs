@@ -1,34 +1,20 @@
 //! A printer with Klipper: the Ender 3 of its Marlin twin.
 
 use super::{Finishing, Wrong};
-use palpate_run::rig::{RigSpec, SimulatedRig};
+use crate::families;
+use palpate_sim::emulator::KlipperFaultKind;
 use palpate_sim::emulator::KlipperFaultKind::{
     IdleTimeout, LostAnswer, McuRestart, MoonrakerRestart, Shutdown, SlowAnswer,
 };
-use palpate_sim::emulator::{GRBL_ROOM_MM, KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultKind};
-use std::sync::{Arc, Mutex};
 
 const PRINTER: Finishing<KlipperFaultKind> = Finishing {
-    rig: "rigs/klipper.toml",
+    family: families::KLIPPER,
     force_n: 0.3,
     limit_n: 1.0,
     stiffnesses_n_mm: &[5.0, 10.0, 20.0],
     faults: &[Shutdown, McuRestart, MoonrakerRestart, LostAnswer, SlowAnswer(1.0), IdleTimeout],
-    install,
     is_mended: |_| false,
 };
-
-fn install(spec: &RigSpec, rig: &mut SimulatedRig, from_s: f64, kind: KlipperFaultKind) {
-    let axes = spec.stage.travel.axes;
-    let board = KlipperBoard {
-        min_ends_mm: axes.map(|travel| travel.min - GRBL_ROOM_MM),
-        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
-        faults: vec![KlipperFault { from_s, kind }],
-        ..KlipperBoard::default()
-    };
-    let stage = KlipperEmulator::new(board, &rig.scene.lock().expect("nobody else has it"));
-    rig.stage.replace(Arc::new(Mutex::new(stage)));
-}
 
 #[test]
 fn presses_are_within_half_a_step_and_take_seconds() {

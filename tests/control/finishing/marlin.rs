@@ -1,34 +1,18 @@
 //! A printer with Marlin: an Ender 3 that presses 0.3 N.
 
 use super::{Finishing, Wrong};
-use palpate_run::rig::{RigSpec, SimulatedRig};
+use crate::families;
 use palpate_sim::emulator::MarlinFaultKind::{Chatter, GarbledLine, LostOk, MotorsOff, Restart};
-use palpate_sim::emulator::{
-    GRBL_ROOM_MM, MarlinAnnounced::Start, MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultKind,
-};
-use std::sync::{Arc, Mutex};
+use palpate_sim::emulator::{MarlinAnnounced::Start, MarlinFaultKind};
 
 const PRINTER: Finishing<MarlinFaultKind> = Finishing {
-    rig: "rigs/marlin.toml",
+    family: families::MARLIN,
     force_n: 0.3,
     limit_n: 1.0,
     stiffnesses_n_mm: &[5.0, 10.0, 20.0],
     faults: &[LostOk, GarbledLine, Chatter { every_s: 0.3 }, Restart(Start), MotorsOff],
-    install,
     is_mended: |kind| matches!(kind, LostOk | GarbledLine | Chatter { .. }),
 };
-
-fn install(spec: &RigSpec, rig: &mut SimulatedRig, from_s: f64, kind: MarlinFaultKind) {
-    let axes = spec.stage.travel.axes;
-    let board = MarlinBoard {
-        min_ends_mm: axes.map(|travel| travel.min - GRBL_ROOM_MM),
-        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
-        faults: vec![MarlinFault { from_s, kind }],
-        ..MarlinBoard::default()
-    };
-    let stage = MarlinEmulator::new(board, &rig.scene.lock().expect("nobody else has it"));
-    rig.stage.replace(Arc::new(Mutex::new(stage)));
-}
 
 #[test]
 fn presses_are_within_half_a_step_and_take_seconds() {

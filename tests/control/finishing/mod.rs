@@ -6,14 +6,15 @@ mod klipper;
 mod marlin;
 mod ur;
 
+use super::families::{Family, When};
 use palpate_control::Strategy;
 use palpate_core::quantity::{Place, stream};
 use palpate_data::recipe::Plan;
-use palpate_run::rig::{self, RigSpec, SimulatedRig};
+use palpate_run::rig::RigSpec;
 use palpate_run::run::estimated_s;
 use palpate_sim::scene::{ContactLaw, FaultKind, Mounting, SceneFault};
+use palpate_testing::campaign;
 use palpate_testing::executions::{Deaths, end_of, executed_with, in_parallel, must_be_none, plan};
-use palpate_testing::{campaign, shipped_text};
 use rand::RngExt;
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -37,8 +38,7 @@ enum Wrong<K> {
 
 /// A stage that finishes each motion, and what it presses.
 struct Finishing<K: 'static> {
-    /// Its shipped rig.
-    rig: &'static str,
+    family: Family<K>,
     /// Set force, and the limit of the specimen, N.
     force_n: f64,
     limit_n: f64,
@@ -46,8 +46,6 @@ struct Finishing<K: 'static> {
     stiffnesses_n_mm: &'static [f64],
     /// Faults of the stage; each is twice as frequent as one of the scene.
     faults: &'static [K],
-    /// Installs a stage with a fault from a time on, s.
-    install: fn(&RigSpec, &mut SimulatedRig, f64, K),
     /// Whether the protocol mends a fault, so that it doesn't end a run.
     is_mended: fn(K) -> bool,
 }
@@ -55,9 +53,7 @@ struct Finishing<K: 'static> {
 impl<K: Copy + Debug + PartialEq + Sync + Send> Finishing<K> {
     /// Returns its rig over a specimen of this stiffness, with a cell that converts at this rate.
     fn rig(&self, stiffness_n_mm: f64, conversions_hz: f64) -> RigSpec {
-        let text = shipped_text(self.rig);
-        let spec = rig::parse(self.rig, &text, &|_| unreachable!("no map of its own")).expect("the shipped rig");
-        let mut spec = spec.simulated();
+        let mut spec = self.family.spec();
         (spec.limits.force_n, spec.limits.stiffness_n_mm) = (self.limit_n, stiffness_n_mm);
         spec.load_cell.conversions_hz = conversions_hz;
         spec.scene.contact = ContactLaw { linear_n_mm: stiffness_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
@@ -89,7 +85,7 @@ impl<K: Copy + Debug + PartialEq + Sync + Send> Finishing<K> {
         println!(
             "{}: {stiffness_n_mm} N/mm at {conversions_hz} readings/s: {worst_n:.4} N off at most (half a step: {step_n} N), peak {:.3} N, \
              {each_s:.2} s a press",
-            self.rig, executed.truth.force_n
+            self.family.rig, executed.truth.force_n
         );
         // noise of the mean, and the distance below the level that it makes the loop keep
         assert!(worst_n < 2.0 * step_n + 0.015 && executed.truth.force_n < self.force_n + step_n + 0.015);
@@ -115,7 +111,7 @@ impl<K: Copy + Debug + PartialEq + Sync + Send> Finishing<K> {
             }
             let executed = executed_with(&spec, &self.presses(&spec, 3, seed), Deaths::Ignored, &|rig| {
                 if let Wrong::Stage(kind) = wrong {
-                    (self.install)(&spec, rig, from_s, kind);
+                    self.family.install(&spec, rig, Some((When::At(from_s), kind)));
                 }
             });
             (wrong, executed.truth.force_n, end_of(&executed.ending))
@@ -127,7 +123,7 @@ impl<K: Copy + Debug + PartialEq + Sync + Send> Finishing<K> {
         outcomes.iter().for_each(|(_, _, end)| *ends.entry(end).or_default() += 1);
         let most_n = outcomes.iter().map(|(_, force_n, _)| *force_n).fold(0.0, f64::max);
         let (count, limit_n) = (outcomes.len(), self.limit_n);
-        println!("{}: {count} runs, largest force {most_n:.3} of {limit_n} N, ends {ends:?}", self.rig);
+        println!("{}: {count} runs, largest force {most_n:.3} of {limit_n} N, ends {ends:?}", self.family.rig);
         let is_sound = |wrong: &Wrong<K>| match wrong {
             Wrong::Nothing => true,
             Wrong::Stage(kind) => (self.is_mended)(*kind),

@@ -1,12 +1,13 @@
 //! An arm of Universal Robots that presses 1 N.
 
 use super::{Finishing, Wrong};
+use crate::families::{self, When};
 use palpate_core::quantity::StageCertificate;
-use palpate_run::rig::{self, RigSpec, SimulatedRig};
+use palpate_run::rig;
 use palpate_sim::emulator::UrFaultKind::{
     EmergencyStop, LocalControl, PowerOff, ProtectiveStop, RtdeLost, RtdeSilent, Sideways, SpeedSlider, Tilt,
 };
-use palpate_sim::emulator::{UrArm, UrEmulator, UrFault, UrFaultKind};
+use palpate_sim::emulator::{UrArm, UrEmulator, UrFaultKind};
 use palpate_sim::scene::ContactLaw;
 use palpate_testing::executions::{Deaths, executed_with, in_parallel, must_be_none, plan};
 use palpate_testing::{campaign, exchanged, shipped_text};
@@ -14,7 +15,7 @@ use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
 
 const ARM: Finishing<UrFaultKind> = Finishing {
-    rig: "rigs/ur.toml",
+    family: families::ARM,
     force_n: 1.0,
     limit_n: 2.0,
     stiffnesses_n_mm: &[1.0, 2.0, 5.0],
@@ -29,15 +30,8 @@ const ARM: Finishing<UrFaultKind> = Finishing {
         Tilt { rad: 0.03 },
         PowerOff,
     ],
-    install,
     is_mended: |kind| kind == SpeedSlider(0.3),
 };
-
-fn install(_: &RigSpec, rig: &mut SimulatedRig, from_s: f64, kind: UrFaultKind) {
-    let arm = UrArm { rotvec_rad: [0.0, PI, 0.0], faults: vec![UrFault { from_s, kind }], ..UrArm::default() };
-    let stage = UrEmulator::new(arm, &rig.scene.lock().expect("nobody else has it"));
-    rig.stage.replace(Arc::new(Mutex::new(stage)));
-}
 
 #[test]
 fn presses_are_within_half_a_step_and_take_seconds() {
@@ -70,7 +64,7 @@ fn each_fault_in_a_press_is_named() {
     for (kind, expected) in cases {
         let spec = ARM.rig(2.0, 80.0);
         let executed = executed_with(&spec, &ARM.presses(&spec, 30, 1), Deaths::Ignored, &|rig| {
-            install(&spec, rig, 60.0, kind);
+            ARM.family.install(&spec, rig, Some((When::At(60.0), kind)));
         });
         let text = executed.ending.text().unwrap_or_default();
         assert!(text.contains(expected), "{kind:?}: {text}");

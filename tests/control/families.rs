@@ -1,39 +1,55 @@
 //! The families of stages, each with an emulator to which a fault can be given.
 
-use palpate_run::rig::RigSpec;
+use palpate_run::rig::{self, RigSpec, SimulatedRig};
 use palpate_sim::emulator::{
     DeviceFault, Esp301Emulator, EspFaultKind, FaultAfterBytes, GRBL_ROOM_MM, GrblBoard, GrblEmulator, GrblFaultKind,
     Instrument, KlipperBoard, KlipperEmulator, KlipperFaultKind, MarlinBoard, MarlinEmulator, MarlinFaultKind,
     ProcessStageEmulator, ProcessStageFaultKind, Shared, UrArm, UrEmulator, UrFaultKind, XpsEmulator, XpsFaultKind,
 };
 use palpate_sim::scene::Scene;
+use palpate_testing::shipped_text;
 use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
 
 /// When a fault happens.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum When {
+pub(crate) enum When {
     At(f64),
     AfterBytes(u64),
 }
 
-/// Returns a stage with a fault, or without.
-pub(super) type Install<K> = fn(&RigSpec, &Scene, Option<(When, K)>) -> Shared<dyn Instrument>;
+/// Returns a stage with a fault, or without one.
+type Install<K> = fn(&RigSpec, &Scene, Option<(When, K)>) -> Shared<dyn Instrument>;
 
 /// A family of stages, and how a fault is given to one.
-pub(super) struct Family<K: 'static> {
-    pub(super) rig: &'static str,
-    pub(super) install: Install<K>,
+pub(crate) struct Family<K: 'static> {
+    /// Its shipped rig.
+    pub(crate) rig: &'static str,
+    stage: Install<K>,
 }
 
-pub(super) const MARLIN: Family<MarlinFaultKind> = Family { rig: "rigs/marlin.toml", install: marlin };
-pub(super) const GRBL: Family<GrblFaultKind> = Family { rig: "rigs/matrix.toml", install: grbl };
-pub(super) const KLIPPER: Family<KlipperFaultKind> = Family { rig: "rigs/klipper.toml", install: klipper };
+impl<K> Family<K> {
+    /// Returns its rig, simulated.
+    pub(crate) fn spec(&self) -> RigSpec {
+        let text = shipped_text(self.rig);
+        rig::parse(self.rig, &text, &|_| unreachable!("no map of its own")).expect("the shipped rig").simulated()
+    }
 
-pub(super) const ESP301: Family<EspFaultKind> = Family { rig: "rigs/esp301.toml", install: esp301 };
-pub(super) const XPS: Family<XpsFaultKind> = Family { rig: "rigs/xps.toml", install: xps };
-pub(super) const ARM: Family<UrFaultKind> = Family { rig: "rigs/ur.toml", install: arm };
-pub(super) const PROGRAM: Family<ProcessStageFaultKind> = Family { rig: "rigs/process.toml", install: program };
+    /// Gives a rig a stage with a fault, or without one.
+    pub(crate) fn install(&self, spec: &RigSpec, rig: &mut SimulatedRig, fault: Option<(When, K)>) {
+        let stage = (self.stage)(spec, &rig.scene.lock().expect("nobody else has it"), fault);
+        rig.stage.replace(stage);
+    }
+}
+
+pub(crate) const MARLIN: Family<MarlinFaultKind> = Family { rig: "rigs/marlin.toml", stage: marlin };
+pub(crate) const GRBL: Family<GrblFaultKind> = Family { rig: "rigs/matrix.toml", stage: grbl };
+pub(crate) const KLIPPER: Family<KlipperFaultKind> = Family { rig: "rigs/klipper.toml", stage: klipper };
+
+pub(crate) const ESP301: Family<EspFaultKind> = Family { rig: "rigs/esp301.toml", stage: esp301 };
+pub(crate) const XPS: Family<XpsFaultKind> = Family { rig: "rigs/xps.toml", stage: xps };
+pub(crate) const ARM: Family<UrFaultKind> = Family { rig: "rigs/ur.toml", stage: arm };
+pub(crate) const PROGRAM: Family<ProcessStageFaultKind> = Family { rig: "rigs/process.toml", stage: program };
 
 /// Returns the faults at a time, and those after a number of bytes.
 fn faults<K>(fault: Option<(When, K)>) -> (Vec<DeviceFault<K>>, Vec<FaultAfterBytes<K>>) {
@@ -42,6 +58,12 @@ fn faults<K>(fault: Option<(When, K)>) -> (Vec<DeviceFault<K>>, Vec<FaultAfterBy
         Some((When::AfterBytes(bytes), kind)) => (Vec::new(), vec![FaultAfterBytes { bytes, kind }]),
         None => (Vec::new(), Vec::new()),
     }
+}
+
+/// Returns the lower ends and the lengths of a frame with room around the rig's travel, mm.
+fn frame_mm(spec: &RigSpec) -> ([f64; 3], [f64; 3]) {
+    let axes = spec.stage.travel.axes;
+    (axes.map(|travel| travel.min - GRBL_ROOM_MM), axes.map(|travel| travel.width() + 2.0 * GRBL_ROOM_MM))
 }
 
 fn esp301(_: &RigSpec, scene: &Scene, fault: Option<(When, EspFaultKind)>) -> Shared<dyn Instrument> {
@@ -68,23 +90,17 @@ fn program(_: &RigSpec, scene: &Scene, fault: Option<(When, ProcessStageFaultKin
 }
 
 fn marlin(spec: &RigSpec, scene: &Scene, fault: Option<(When, MarlinFaultKind)>) -> Shared<dyn Instrument> {
-    let axes = spec.stage.travel.axes;
-    let mut board = MarlinBoard {
-        min_ends_mm: axes.map(|travel| travel.min - GRBL_ROOM_MM),
-        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
-        ..MarlinBoard::default()
-    };
-    (board.faults, board.faults_after_bytes) = faults(fault);
+    let ((min_ends_mm, lengths_mm), (faults, faults_after_bytes)) = (frame_mm(spec), faults(fault));
+    let board = MarlinBoard { min_ends_mm, lengths_mm, faults, faults_after_bytes, ..MarlinBoard::default() };
     Arc::new(Mutex::new(MarlinEmulator::new(board, scene)))
 }
 
 fn grbl(spec: &RigSpec, scene: &Scene, fault: Option<(When, GrblFaultKind)>) -> Shared<dyn Instrument> {
-    let axes = spec.stage.travel.axes;
-    let stock = GrblBoard::default();
+    let ((min_ends_mm, lengths_mm), stock) = (frame_mm(spec), GrblBoard::default());
     let mut board = GrblBoard {
         settings: stock.settings.clone().with(GrblBoard::SOFT_LIMITS, 0.0).with(GrblBoard::HOMING, 0.0),
-        plus_ends_mm: axes.map(|travel| travel.max + GRBL_ROOM_MM),
-        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
+        plus_ends_mm: std::array::from_fn(|axis| min_ends_mm[axis] + lengths_mm[axis]),
+        lengths_mm,
         ..stock
     };
     board.settings = (0..3).fold(board.settings, |settings, axis| {
@@ -98,12 +114,7 @@ fn grbl(spec: &RigSpec, scene: &Scene, fault: Option<(When, GrblFaultKind)>) -> 
 }
 
 fn klipper(spec: &RigSpec, scene: &Scene, fault: Option<(When, KlipperFaultKind)>) -> Shared<dyn Instrument> {
-    let axes = spec.stage.travel.axes;
-    let mut board = KlipperBoard {
-        min_ends_mm: axes.map(|travel| travel.min - GRBL_ROOM_MM),
-        lengths_mm: axes.map(|travel| travel.max - travel.min + 2.0 * GRBL_ROOM_MM),
-        ..KlipperBoard::default()
-    };
-    (board.faults, board.faults_after_bytes) = faults(fault);
+    let ((min_ends_mm, lengths_mm), (faults, faults_after_bytes)) = (frame_mm(spec), faults(fault));
+    let board = KlipperBoard { min_ends_mm, lengths_mm, faults, faults_after_bytes, ..KlipperBoard::default() };
     Arc::new(Mutex::new(KlipperEmulator::new(board, scene)))
 }
