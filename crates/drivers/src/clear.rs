@@ -22,6 +22,7 @@ pub(crate) async fn clear_z(
     let at_mm = stage.position_mm(Axis::Z, orders).await?;
     let end_mm = usage.travel.along(Axis::Z).end(usage.away) - usage.away * SHORT_MM;
     let is_there = (at_mm - end_mm).abs() <= AWAY_MM;
+    // a motion of 0 too, so that a controller that refuses it is noticed
     let way = AxisWay::between(Axis::Z, at_mm, if is_there { at_mm } else { end_mm });
     stage.begin(&[way], usage.home_speed_mm_s, orders).await?;
     stage.follow(&[Axis::Z], seconds(way.by_mm.abs() / usage.home_speed_mm_s), orders).await?;

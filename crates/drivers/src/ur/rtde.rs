@@ -80,8 +80,9 @@ impl Rtde {
         Rtde { connector, stream: None, inbox: Vec::new(), recipe: 0, is_started: false, interval, texts: Vec::new() }
     }
 
-    /// Time from one state to the next of a controller of the CB series (RTDE guide), and of a later one.
+    /// Time from one state to the next of a controller of the CB series (RTDE guide).
     pub(super) const INTERVAL: Duration = Duration::from_millis(8);
+    /// The same of a later controller.
     pub(super) const SHORT_INTERVAL: Duration = Duration::from_millis(2);
 
     /// Returns the newest state, and starts the stream if it isn't started.

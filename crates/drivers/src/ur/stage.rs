@@ -176,6 +176,12 @@ impl Ur {
         state.map_err(|error| self.failed(doing, &error))
     }
 
+    /// Returns the next state of the stream.
+    async fn next_state(&mut self, doing: &str) -> Result<RobotState, DeviceError> {
+        let state = self.robot.next().await;
+        state.map_err(|error| self.failed(doing, &error))
+    }
+
     /// Checks that the robot can move, and is where it is to be.
     fn check(&mut self, doing: &str, state: &RobotState) -> Result<(), DeviceError> {
         // outside a motion the robot's own scaling means nothing
@@ -288,7 +294,8 @@ impl Ur {
         let rest_mm = frame.to_base(self.at_mm);
         let [x_mm, y_mm, _] = frame.to_stage(state.at_mm);
         // the way out is straight from where the tip is, which isn't where it was sent if the arm gives way
-        let is_near = length(minus(state.at_mm, rest_mm)) <= self.settings.path_error_mm;
+        let off_mm = length(minus(state.at_mm, rest_mm));
+        let is_near = off_mm <= self.settings.path_error_mm;
         let target_mm = frame.to_base(if is_leaving && is_near { [x_mm, y_mm, to_mm[2]] } else { to_mm });
         let otherwise_mm = is_leaving.then(|| minus(frame.to_base(by_mm), frame.origin_mm()));
         self.motion = Some(ArmMotion {
@@ -298,7 +305,7 @@ impl Ur {
             is_leaving,
             is_stopped: false,
         });
-        let checked = self.check(doing, &state).and_then(|()| self.check_start(doing, &state));
+        let checked = self.check(doing, &state).and_then(|()| self.check_start(doing, off_mm));
         if let Err(error) = checked {
             self.motion = None; // nothing moves
             return Err(error);
@@ -322,8 +329,7 @@ impl Ur {
     }
 
     /// Checks that nothing else moved the tool since it came to rest.
-    fn check_start(&self, doing: &str, state: &RobotState) -> Result<(), DeviceError> {
-        let off_mm = length(minus(state.at_mm, self.settings.frame.to_base(self.at_mm)));
+    fn check_start(&self, doing: &str, off_mm: f64) -> Result<(), DeviceError> {
         let is_leaving = self.motion.is_some_and(|motion| motion.is_leaving);
         if off_mm > self.settings.path_error_mm && !is_leaving {
             let text = format!("its tool is {off_mm:.3} mm from where it came to rest: something else moved it");
@@ -336,8 +342,7 @@ impl Ur {
     async fn mean_mm(&mut self, doing: &str, first: &RobotState) -> Result<[f64; 3], DeviceError> {
         let (mut sum_mm, mut count, begun) = (first.at_mm, 1.0, Instant::now());
         while begun.elapsed() < MEAN_TIME {
-            let state = self.robot.next().await;
-            sum_mm = plus(sum_mm, state.map_err(|error| self.failed(doing, &error))?.at_mm);
+            sum_mm = plus(sum_mm, self.next_state(doing).await?.at_mm);
             count += 1.0;
         }
         Ok(self.settings.frame.to_stage(sum_mm.map(|sum| sum / count)))
@@ -346,10 +351,9 @@ impl Ur {
     /// Measures the noise of a position, as the arm is read back at rest.
     async fn measure_noise(&mut self, doing: &str) -> Result<(), DeviceError> {
         let mut means_mm = [[0.0; 3]; NOISE_MEANS];
-        let mut state = self.robot.next().await.map_err(|error| self.failed(doing, &error))?;
         for mean_mm in &mut means_mm {
-            *mean_mm = self.mean_mm(doing, &state).await?;
-            state = self.robot.next().await.map_err(|error| self.failed(doing, &error))?;
+            let first = self.next_state(doing).await?;
+            *mean_mm = self.mean_mm(doing, &first).await?;
         }
         let middle_mm =
             means_mm.iter().fold([0.0; 3], |sum, mean| plus(sum, *mean)).map(|sum| sum / NOISE_MEANS as f64);

@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn a_permit_is_told_of_steps_and_of_a_stage_that_finishes_its_motions() {
+    fn bounds_have_the_steps_and_whether_each_motion_is_finished() {
         let bounds = StageBounds { steps: usage().steps, finishes: true, acceleration_mm_s2: 100.0 };
         assert_eq!(usage().bounds(), bounds);
         assert!(!StageUse { abilities: StageAbilities::FULL, ..usage() }.bounds().finishes);

@@ -162,9 +162,8 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
             // the stage was stopped before a trip was reported; a program that is killed while it parks has tripped all the same
             let peaks = runner.rig_control.press_truth().map(PressTruth::peaks);
             note_trip(runner.ledger, &ending, runner.pressing, peaks, clock.now_s());
-            // after a trip or a failure, the specimen may have risen
-            let is_doubtful = matches!(ending.halt, Some(Halt::Tripped(_) | Halt::Device(_)));
-            let park_mm = if is_doubtful { spec.top_mm() } else { runner.park_mm() };
+            let is_fault = ending.halt.as_ref().is_some_and(Halt::is_fault);
+            let park_mm = if is_fault { spec.top_mm() } else { runner.park_mm() };
             ending.unparked = runner.rig_control.leave(ending.halt.as_ref(), park_mm, &spec.limits).await.err();
             if ending.halt.is_some() || ending.unparked.is_some() {
                 let doubted = ending.unparked.as_ref().or(ending.halt.as_ref());

@@ -69,6 +69,13 @@ pub enum Halt {
     Unconfirmed(String),
 }
 
+impl Halt {
+    /// Whether a safety rule was broken or a device failed, so that the specimen may have risen.
+    pub(crate) fn is_fault(&self) -> bool {
+        matches!(self, Halt::Tripped(_) | Halt::Device(_))
+    }
+}
+
 impl From<Trip> for Halt {
     fn from(trip: Trip) -> Self {
         Halt::Tripped(trip)

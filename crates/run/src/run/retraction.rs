@@ -116,14 +116,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// The stage isn't parked.
     pub(super) async fn leave(&mut self, halt: Option<&Halt>, z_mm: f64, limits: &Limits) -> Result<(), Halt> {
         let Some(halt) = halt else { return self.retract(z_mm).await };
-        let is_doubtful = matches!(halt, Halt::Tripped(_) | Halt::Device(_));
-        if is_doubtful {
+        if halt.is_fault() {
             self.usage.speed_mm_s = self.usage.speed_mm_s.min(self.risen_mm_s(limits));
         }
         let way_s = self.usage.travel.along(Axis::Z).width() / self.usage.speed_mm_s;
         let most = END_DEADLINE + 2 * seconds(way_s);
         let leaving = async {
-            if is_doubtful {
+            if halt.is_fault() {
                 self.stop_and_see().await?;
             }
             // maybe in contact: the way out depends on no place
@@ -315,9 +314,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// array that didn't answer isn't asked again: it would delay the way out.
     async fn felt(&mut self) -> Option<f64> {
         let mut now = vec![0.0; self.array.units()];
-        if self.array_answers {
-            self.array_answers = matches!(timeout(ARRAY_DEADLINE, self.array.read(&mut now)).await, Ok(Ok(_)));
-        }
+        self.array_answers =
+            self.array_answers && matches!(timeout(ARRAY_DEADLINE, self.array.read(&mut now)).await, Ok(Ok(())));
         if !self.array_answers {
             return None;
         }

@@ -81,7 +81,7 @@ pub(super) async fn execute_without_cell(mut rig: OpenRig, job: RunJob<'_>, list
     let peaks = runner.rig_control.press_truth().map(PressTruth::peaks);
     note_trip(runner.ledger, &ending, runner.pressing, peaks, clock.now_s());
     ending.unparked = runner.rig_control.leave(ending.halt.as_ref(), spec.top_mm(), &spec.limits).await.err();
-    if matches!(ending.halt, Some(Halt::Tripped(_) | Halt::Device(_))) || ending.unparked.is_some() {
+    if ending.halt.as_ref().is_some_and(Halt::is_fault) || ending.unparked.is_some() {
         ending.remaining = Remaining::NoLoadCell;
     }
     ending.t_s = clock.now_s();

@@ -78,7 +78,7 @@ fn each_form_of_a_restart_begins_with_its_bytes_and_ends_in_the_default_state() 
         assert!(heard.starts_with(first), "{announced:?}: {heard}");
         assert_eq!(heard.contains("|echo:  M92 X80.00 "), first.contains('|'), "{announced:?}: {heard}");
         assert_eq!(bench.say(41.0, &numbered(4, "G1 Z-1")), RESENT, "{announced:?}");
-        // it takes the place where it is for its home, in mm, and moves to where it is told
+        // it counts zero where it is, in mm, and moves to where it is sent
         bench.script(&[
             (42.0, "M114\n", UNHOMED),
             (43.0, "G1 Z26 F300\n", "ok"),
