@@ -92,6 +92,8 @@ const FEWEST_CELLS: usize = 4;
 /// Number of coefficients from which a table is made from its process again when a file is read: 4 MB. Below it reading the table is
 /// faster.
 const MOST_STORED: usize = 500_000;
+/// Number of channels whose sums a processor keeps in its registers.
+const CHANNELS_AT_ONCE: usize = 4;
 
 impl SplineField {
     /// Tabulates `sample` in cells of about `step_mm`. `sample` is called once for the values at many places (row-major, places x
@@ -171,19 +173,29 @@ impl SplineField {
     /// Returns the values at a place and their changes with x and with y, per mm.
     pub(crate) fn value_and_gradient(&self, place: Place, value: &mut [f64], along_x: &mut [f64], along_y: &mut [f64]) {
         let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));
-        value.fill(0.0);
-        along_x.fill(0.0);
-        along_y.fill(0.0);
-        for (row, (wy, sy)) in y.weights.into_iter().zip(y.slopes).enumerate() {
-            for (column, (wx, sx)) in x.weights.into_iter().zip(x.slopes).enumerate() {
-                let (weight, slope_x, slope_y) = (wx * wy, sx * wy, wx * sy);
-                let sums = value.iter_mut().zip(along_x.iter_mut()).zip(along_y.iter_mut());
-                for (((value, along_x), along_y), c) in sums.zip(self.node(x.first + column, y.first + row)) {
-                    *value += weight * c;
-                    *along_x += slope_x * c;
-                    *along_y += slope_y * c;
-                }
+        let node = |i: usize| {
+            let (column, row) = (i % 4, i / 4);
+            let weights = [
+                x.weights[column] * y.weights[row],
+                x.slopes[column] * y.weights[row],
+                x.weights[column] * y.slopes[row],
+            ];
+            (weights, self.node(x.first + column, y.first + row))
+        };
+        let nodes: [_; 16] = std::array::from_fn(node);
+        let blocks = value.chunks_mut(CHANNELS_AT_ONCE).zip(along_x.chunks_mut(CHANNELS_AT_ONCE));
+        for (block, ((value, along_x), along_y)) in blocks.zip(along_y.chunks_mut(CHANNELS_AT_ONCE)).enumerate() {
+            let first = block * CHANNELS_AT_ONCE;
+            let mut sums = [[0.0; CHANNELS_AT_ONCE]; 3];
+            match value.len() {
+                // of a known length: the sums stay in registers
+                CHANNELS_AT_ONCE => add_nodes(&nodes, first, CHANNELS_AT_ONCE, &mut sums),
+                fewer => add_nodes(&nodes, first, fewer, &mut sums),
             }
+            [value, along_x, along_y]
+                .into_iter()
+                .zip(&sums)
+                .for_each(|(to, sums)| to.copy_from_slice(&sums[..to.len()]));
         }
     }
 
@@ -230,6 +242,17 @@ impl TryFrom<StoredField> for SplineField {
         match Process::of_numbers(&numbers, channels) {
             Some(process) if x.cells.max(y.cells) <= MOST_CELLS => Ok(SplineField::made(area, x, y, process)),
             _ => Err("a table of the map has a wrong size"),
+        }
+    }
+}
+
+/// Adds to the sums of some channels their coefficients at all nodes, times each of the node's three weights.
+#[inline(always)]
+fn add_nodes(nodes: &[([f64; 3], &[f64]); 16], first: usize, count: usize, sums: &mut [[f64; CHANNELS_AT_ONCE]; 3]) {
+    for (weights, coefficients) in nodes {
+        let coefficients = &coefficients[first..first + count];
+        for (sums, weight) in sums.iter_mut().zip(weights) {
+            sums.iter_mut().zip(coefficients).for_each(|(sum, c)| *sum += weight * c);
         }
     }
 }

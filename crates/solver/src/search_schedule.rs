@@ -114,9 +114,9 @@ impl SearchWork {
             Answering::ByLoad(by_load) => matches!(*by_load.any, Answering::Forward(_)),
         };
         if is_map {
-            // each is a descent on the map
+            // each is a descent on the map, whose usual misfits need no held-out press
             let prediction = PART_OF_ANSWERS * answer;
-            return SearchWork { answer, contact: prediction, set: prediction, held: HELD_MOST };
+            return SearchWork { answer, contact: prediction, set: prediction, held: 0 };
         }
         let set = TIME_OF_MULTIPLICATION * (FOR_PRESS * presses + FOR_UNIT * units + BESIDES) as u64;
         let [contact, set] = [TIME_OF_PRODUCT * answer + set, set].map(|work| PART_OF_ANSWERS * work);

@@ -20,6 +20,10 @@ type Job = (FaultSearch, Sender<SearchedFaults>);
 /// Largest number of searches that wait: one for each of the connections that `serve` accepts.
 const QUEUE: usize = 1000;
 
+/// What is added to the niceness of the thread: the most that Linux knows (setpriority(2)).
+#[cfg(target_os = "linux")]
+const LEAST_SHARE: i32 = 19;
+
 /// The thread that makes the searches of all sessions, one after another; `None` until it is needed.
 static WORKER: Mutex<Option<SyncSender<Job>>> = Mutex::new(None);
 
@@ -117,12 +121,26 @@ fn begun(search: FaultSearch) -> Option<Receiver<SearchedFaults>> {
         }
     }
     let (jobs, searches) = sync_channel::<Job>(QUEUE);
-    let work = move || searches.iter().for_each(|(search, result)| _ = result.send(search.run()));
+    let work = move || {
+        yield_to_answers();
+        searches.iter().for_each(|(search, result)| _ = result.send(search.run()));
+    };
     thread::Builder::new().name("searches".to_owned()).spawn(work).ok()?;
     jobs.try_send(job).ok()?;
     *worker = Some(jobs);
     Some(receiver)
 }
+
+/// Gives this thread the least share of the processors: on two of them, a search beside the program and its client made one answer of a
+/// hundred wait for 2 to 4 ms. Elsewhere than on Linux such a call would hold back the whole process.
+#[cfg(target_os = "linux")]
+fn yield_to_answers() {
+    // without the right to it, a search is only less polite
+    _ = rustix::process::nice(LEAST_SHARE);
+}
+
+#[cfg(not(target_os = "linux"))]
+fn yield_to_answers() {}
 
 #[cfg(test)]
 mod tests {
