@@ -26,6 +26,8 @@ pub(crate) struct Family<K: 'static> {
     /// Its shipped rig.
     pub(crate) rig: &'static str,
     stage: Install<K>,
+    /// Whether its rig states that z holds without power.
+    pub(crate) z_holds: bool,
 }
 
 impl<K> Family<K> {
@@ -42,14 +44,18 @@ impl<K> Family<K> {
     }
 }
 
-pub(crate) const MARLIN: Family<MarlinFaultKind> = Family { rig: "rigs/marlin.toml", stage: marlin };
-pub(crate) const GRBL: Family<GrblFaultKind> = Family { rig: "rigs/matrix.toml", stage: grbl };
-pub(crate) const KLIPPER: Family<KlipperFaultKind> = Family { rig: "rigs/klipper.toml", stage: klipper };
+pub(crate) const MARLIN: Family<MarlinFaultKind> = Family { rig: "rigs/marlin.toml", stage: marlin, z_holds: false };
+pub(crate) const GRBL: Family<GrblFaultKind> = Family { rig: "rigs/matrix.toml", stage: grbl, z_holds: false };
+pub(crate) const KLIPPER_THAT_HOLDS: Family<KlipperFaultKind> =
+    Family { rig: "rigs/klipper.toml", stage: klipper, z_holds: true };
+pub(crate) const KLIPPER: Family<KlipperFaultKind> =
+    Family { rig: "rigs/klipper.toml", stage: klipper, z_holds: false };
 
-pub(crate) const ESP301: Family<EspFaultKind> = Family { rig: "rigs/esp301.toml", stage: esp301 };
-pub(crate) const XPS: Family<XpsFaultKind> = Family { rig: "rigs/xps.toml", stage: xps };
-pub(crate) const ARM: Family<UrFaultKind> = Family { rig: "rigs/ur.toml", stage: arm };
-pub(crate) const PROGRAM: Family<ProcessStageFaultKind> = Family { rig: "rigs/process.toml", stage: program };
+pub(crate) const ESP301: Family<EspFaultKind> = Family { rig: "rigs/esp301.toml", stage: esp301, z_holds: false };
+pub(crate) const XPS: Family<XpsFaultKind> = Family { rig: "rigs/xps.toml", stage: xps, z_holds: false };
+pub(crate) const ARM: Family<UrFaultKind> = Family { rig: "rigs/ur.toml", stage: arm, z_holds: false };
+pub(crate) const PROGRAM: Family<ProcessStageFaultKind> =
+    Family { rig: "rigs/process.toml", stage: program, z_holds: false };
 
 /// Returns the faults at a time, and those after a number of bytes.
 fn faults<K>(fault: Option<(When, K)>) -> (Vec<DeviceFault<K>>, Vec<FaultAfterBytes<K>>) {

@@ -3,7 +3,7 @@
 //! A motion is a displacement, so what a board forgets or somebody else sets changes no end point. Judged by the true values.
 //! `PALPATE_TESTS=full` restarts after each byte.
 
-use super::families::{ARM, ESP301, Family, GRBL, KLIPPER, MARLIN, PROGRAM, When, XPS};
+use super::families::{ARM, ESP301, Family, GRBL, KLIPPER, KLIPPER_THAT_HOLDS, MARLIN, PROGRAM, When, XPS};
 use palpate_core::quantity::{Axis, stream};
 use palpate_data::recipe::Plan;
 use palpate_run::rig::RigSpec;
@@ -39,6 +39,7 @@ impl<K: Copy + Debug + Send + Sync> Family<K> {
         (spec.limits.force_n, spec.limits.stiffness_n_mm) = (LIMIT_N, DECLARED_N_MM);
         spec.scene.contact = ContactLaw { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
         spec.scene.relaxation.clear();
+        spec.stage.z_holds_unpowered = self.z_holds;
         spec
     }
 
@@ -122,6 +123,22 @@ fn a_marlin_with_a_second_host_presses_no_harder() {
     }
     // it moves itself by 0.5 mm, or babysteps by 0.2 mm
     MARLIN.check(MarlinFaultKind::Other("G91\nG1 Z-0.5 F300"), 0.5 * DECLARED_N_MM);
+}
+
+/// What a second host moves down at 5 mm/s, mm, and what of it remains before the last resort ends it.
+const JOG: &str = "G91\nG1 Z-4 F300";
+const MOVEL: &str = "def job():\n movel(pose_add(get_actual_tcp_pose(), p[0,0,-0.004,0,0,0]), a=0.1, v=0.005)\nend\n";
+const JOG_UNTIL_STOPPED_MM: f64 = 0.5;
+
+#[test]
+fn the_last_resort_ends_a_long_jog_of_a_second_host() {
+    let most_n = JOG_UNTIL_STOPPED_MM * DECLARED_N_MM;
+    MARLIN.check(MarlinFaultKind::Other(JOG), most_n);
+    GRBL.check(GrblFaultKind::Other(JOG), most_n);
+    ARM.check(UrFaultKind::Other(MOVEL), most_n);
+    ESP301.check(EspFaultKind::Other("3VA5;3PR-4"), most_n);
+    // without power it can't free the tip
+    KLIPPER_THAT_HOLDS.check_within(KlipperFaultKind::Other(JOG), most_n, f64::INFINITY);
 }
 
 #[test]

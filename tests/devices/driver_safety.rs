@@ -49,6 +49,7 @@ impl StageBench {
             home_speed_mm_s: 5.0,
             home_z_mm: -12.5 * spec.frame.down.sign(),
             homed: false,
+            z_holds_unpowered: false,
             by_hand: false,
             steps: Steps::FINE,
             home_search: HomeSearch::Away,

@@ -99,6 +99,11 @@ impl Watch {
         self.rise_most_n
     }
 
+    /// Limit of the force, N from the zero.
+    pub fn limit_n(&self) -> f64 {
+        self.limit_n
+    }
+
     /// Makes forces relative to newer air from now on.
     pub fn count_from(&mut self, no_load: &NoLoadReadings) {
         self.zero = self.zero.counted_from(no_load);

@@ -57,6 +57,10 @@ macro_rules! stages {
                 match self { $(Self::$name(it) => it.stop().await,)+ }
             }
 
+            async fn abort(&mut self) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.abort().await,)+ }
+            }
+
             async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
                 match self { $(Self::$name(it) => it.complaints().await,)+ }
             }

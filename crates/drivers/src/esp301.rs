@@ -464,6 +464,16 @@ impl Stage for Esp301 {
         self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed("stopping", &error))
     }
 
+    /// Cuts the power (manual, page AB) if z holds without it.
+    async fn abort(&mut self) -> Result<(), DeviceError> {
+        self.line.misfit(); // an answer may still come
+        self.stop().await?;
+        match self.usage.as_ref().is_some_and(|usage| usage.z_holds_unpowered) {
+            true => self.line.tell_now("AB").await.map_err(|error| self.failed("stopping it at once", &error)),
+            false => Ok(()),
+        }
+    }
+
     async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
         let mut complaints = std::mem::take(&mut self.complaints);
         for _ in 0..COMPLAINTS_MAX {

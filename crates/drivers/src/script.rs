@@ -76,6 +76,7 @@ pub(crate) fn usage() -> StageUse {
         home_speed_mm_s: 2.0,
         home_z_mm: 12.5,
         homed: false,
+        z_holds_unpowered: false,
         by_hand: false,
         steps: Steps::FINE,
         home_search: HomeSearch::Away,

@@ -136,6 +136,7 @@ impl BadStageTrial {
             home_speed_mm_s: 5.0,
             home_z_mm: 12.5,
             homed: false,
+            z_holds_unpowered: false,
             by_hand: false,
             steps: Steps::FINE,
             home_search: HomeSearch::Away,

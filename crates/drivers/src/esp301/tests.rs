@@ -55,6 +55,18 @@ async fn z_homes_first_and_an_axis_declared_as_homed_stays() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn last_resort_cuts_the_power_only_where_z_holds_without_it() {
+    let scripts: [(bool, Script); 2] = [(false, &[(b"ST\r", b"")]), (true, &[(b"ST\r", b""), (b"AB\r", b"")])];
+    for (z_holds_unpowered, script) in scripts {
+        let (mut stage, device) = stage(script);
+        stage.usage = Some(StageUse { z_holds_unpowered, ..usage() });
+        stage.abort().await.unwrap();
+        drop(stage);
+        device.await.unwrap();
+    }
+}
+
+#[tokio::test(start_paused = true)]
 async fn wrong_count_of_z_at_its_limit_is_a_mismatch_and_nothing_else_moves() {
     let (mut stage, device) = stage(&[
         (b"1AC100;1AG100;2AC100;2AG100;3AC100;3AG100\r", b""),

@@ -36,6 +36,8 @@ const COMPLAINTS_MAX: usize = 16;
 const STATUS: &[u8] = b"?";
 /// Command that ends a jog.
 pub(super) const JOG_CANCEL: &[u8] = &[0x85];
+/// Command that lets a motion come to rest.
+pub(super) const FEED_HOLD: &[u8] = b"!";
 /// Command that resets the controller. During a motion the position is lost.
 pub(super) const SOFT_RESET: &[u8] = &[0x18];
 
@@ -168,6 +170,12 @@ impl GrblPort {
     pub(super) async fn send(&mut self, doing: &str, bytes: &[u8]) -> Result<(), DeviceError> {
         let sent = self.lines.send(bytes, ANSWER_DEADLINE).await;
         sent.map_err(|error| self.failed(doing, &error))
+    }
+
+    /// Resets the controller. What it sends then is read before the next line.
+    pub(super) async fn reset(&mut self, doing: &str) -> Result<(), DeviceError> {
+        self.out_of_step = true;
+        self.send(doing, SOFT_RESET).await
     }
 
     pub(super) fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {

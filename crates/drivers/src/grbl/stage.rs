@@ -1,7 +1,7 @@
 //! The stage: prepared, moved by jogs, followed by status reports.
 
 use super::firmware::{Build, GrblFirmware};
-use super::port::{ANSWER_DEADLINE, GrblPort, JOG_CANCEL, SOFT_RESET};
+use super::port::{ANSWER_DEADLINE, FEED_HOLD, GrblPort, JOG_CANCEL, SOFT_RESET};
 use super::report::{GrblState, GrblStatus};
 use super::settings::{FLUIDNC_IDLE, FLUIDNC_INCHES, ROUNDING_MM, ReportedSettings};
 use crate::MOTION_MARGIN;
@@ -367,6 +367,18 @@ impl Stage for Grbl {
 
     async fn stop(&mut self) -> Result<(), DeviceError> {
         self.cancel("stopping").await
+    }
+
+    /// Holds the feed, resets the controller, and unlocks it. A jog is ended by less, but not a motion that somebody else commanded.
+    async fn abort(&mut self) -> Result<(), DeviceError> {
+        let doing = "stopping it at once";
+        self.sent_mm = None;
+        self.port.send(doing, FEED_HOLD).await?;
+        // a reset of axes that move loses their place
+        let brakes_s = self.usage.as_ref().map_or(0.0, |usage| usage.speed_mm_s / usage.acceleration_mm_s2);
+        sleep_until(Instant::now() + seconds(brakes_s)).await;
+        self.port.reset(doing).await?;
+        self.port.line(doing, "$X", ANSWER_DEADLINE, None).await
     }
 
     async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {

@@ -476,6 +476,15 @@ impl Stage for Klipper {
         Ok(())
     }
 
+    /// Shuts the printer down, which cuts the power of its motors, if z holds without it. Nothing else ends a motion (Klipper, G-codes).
+    async fn abort(&mut self) -> Result<(), DeviceError> {
+        if self.usage.as_ref().is_none_or(|usage| !usage.z_holds_unpowered) {
+            return Ok(());
+        }
+        self.moonraker.close(); // an answer may still come
+        self.moonraker.ask("stopping it at once", "printer.emergency_stop", json!({})).await.map(drop)
+    }
+
     async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
         Ok(Vec::new())
     }

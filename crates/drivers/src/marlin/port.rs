@@ -225,6 +225,13 @@ impl MarlinPort {
         self.error(doing, DeviceProblem::Link(silent(command, takes + ANSWER_DEADLINE).to_string()))
     }
 
+    /// Ends all motions. Without a number the line acts when it is received, before all lines that wait (Marlin, `queue.cpp`, or `e_parser.h`
+    /// in a board that has it), and the count stays right but for what the motors overshoot.
+    pub(super) async fn quick_stop(&mut self, doing: &str) -> Result<(), DeviceError> {
+        self.in_doubt = true; // its answers come beside those to what was sent before
+        self.lines.send(b"M410\n", ANSWER_DEADLINE).await.map_err(|error| self.failed(doing, &error))
+    }
+
     async fn send_numbered(&mut self, doing: &str, command: &str) -> Result<(), DeviceError> {
         let text = format!("N{} {command}", self.number);
         let line = format!("{text}*{}\n", text.bytes().fold(0, |sum, byte| sum ^ byte));

@@ -376,6 +376,11 @@ impl Stage for Marlin {
         Ok(())
     }
 
+    /// Sends M410, which ends what is planned at once.
+    async fn abort(&mut self) -> Result<(), DeviceError> {
+        self.port.quick_stop("stopping it at once").await
+    }
+
     async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
         Ok(std::mem::take(&mut self.port.complaints))
     }

@@ -569,6 +569,14 @@ impl Stage for Ur {
         self.send("stopping it", |number| script::stop(number, deceleration_mm_s2)).await
     }
 
+    /// Stops what runs by the dashboard, which has a port of its own.
+    async fn abort(&mut self) -> Result<(), DeviceError> {
+        if let Some(motion) = &mut self.motion {
+            motion.is_stopped = true;
+        }
+        self.ask("stopping it at once", ["stop"]).await.map(drop)
+    }
+
     async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
         Ok(std::mem::take(&mut self.robot.texts))
     }

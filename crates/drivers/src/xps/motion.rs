@@ -211,7 +211,7 @@ impl Xps {
         if ways.is_empty() {
             return Ok(());
         }
-        self.abort(which).await?;
+        self.abort_groups(which).await?;
         let (doing, until) = ("changing a speed", Instant::now() + MOTION_MARGIN);
         self.until_ended(which, doing, until, &MotionOrders::default()).await?;
         let mut left = Vec::with_capacity(ways.len());
@@ -225,7 +225,7 @@ impl Xps {
     }
 
     /// Aborts the motions of some groups.
-    pub(super) async fn abort(&mut self, which: &[usize]) -> Result<(), DeviceError> {
+    pub(super) async fn abort_groups(&mut self, which: &[usize]) -> Result<(), DeviceError> {
         for &nth in which {
             if let Some(motion) = &mut self.groups[nth].under_way {
                 motion.aborted = true;

@@ -284,7 +284,18 @@ impl Stage for Xps {
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {
-        self.abort(&(0..self.groups.len()).collect::<Vec<_>>()).await
+        self.abort_groups(&(0..self.groups.len()).collect::<Vec<_>>()).await
+    }
+
+    /// Aborts all motions, on sockets of their own, and cuts the power if z holds without it.
+    async fn abort(&mut self) -> Result<(), DeviceError> {
+        self.stop().await?;
+        if self.usage.as_ref().is_some_and(|usage| usage.z_holds_unpowered) {
+            for nth in 0..self.groups.len() {
+                self.brakes.kill(nth, "stopping it at once").await?;
+            }
+        }
+        Ok(())
     }
 
     async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {

@@ -34,6 +34,8 @@ pub struct StageUse {
     pub by_hand: bool,
     /// Whether the rig states that axes whose motors are on are homed; only for controllers that don't report it.
     pub homed: bool,
+    /// Whether z stays where it is without power.
+    pub z_holds_unpowered: bool,
     /// Steps of the axes.
     pub steps: Steps,
     /// How z may search for home.
@@ -239,6 +241,12 @@ pub trait Stage {
     /// Stops all axes at once, without waiting.
     fn stop(&mut self) -> impl Future<Output = Result<(), DeviceError>>;
 
+    /// The last resort: ends a motion that no stop has ended, by the strongest means that keep z powered, or by stronger ones if z
+    /// [holds without power](StageUse::z_holds_unpowered). The place may be lost. Any other call may have been given up before.
+    fn abort(&mut self) -> impl Future<Output = Result<(), DeviceError>> {
+        self.stop()
+    }
+
     /// Returns the controller's error messages, oldest first, and empties its list.
     fn complaints(&mut self) -> impl Future<Output = Result<Vec<String>, DeviceError>>;
 
@@ -301,6 +309,7 @@ mod tests {
             home_z_mm: 12.5,
             by_hand: false,
             homed: false,
+            z_holds_unpowered: false,
             steps: Steps { mm: [0.01, 0.01, 0.0025], ..Steps::FINE },
             home_search: HomeSearch::Away,
             abilities: StageAbilities::FINISHES,

@@ -83,6 +83,9 @@ keys! {
             "ESP301: position of z at the limit where it homes; without it, the end of `travel_mm.z` away from the specimen", "12.5";
         homed: Flag, or_flag(false),
             "ESP301: whether axes whose motors are on are homed; without it, z homes away from the specimen at each start", "true";
+        z_holds_unpowered: Flag, or_flag(false),
+            "ESP301, XPS, Klipper: whether z stays where it is without power; then the last resort against a force that no stop ends cuts it",
+            "true";
         stiffness_n_mm: Number(above(0.0, 1e6, "N/mm")), Allowed,
             "stiffness of the stage itself, such as an arm: its deflection is a part of `u_depth_mm`", "50.0";
         certificate: Table(&stage_certificate::KEYS), Allowed, "its calibration certificate";

@@ -121,6 +121,7 @@ impl RigSpec {
             home_speed_mm_s: self.stage.speed_mm_s,
             home_z_mm: self.stage.home_z_mm.unwrap_or_else(|| self.stage.travel.along(Axis::Z).end(away)),
             homed: self.stage.homed,
+            z_holds_unpowered: self.stage.z_holds_unpowered,
             by_hand: self.stage.home == Home::ByHand,
             steps: self.stage.steps,
             home_search: HomeSearch::Away,

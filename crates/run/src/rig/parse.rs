@@ -120,6 +120,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
     let steps = document::optional(table.table(&stage::step_mm), read_steps);
     let certificate = document::optional(table.table(&stage::certificate), read_stage_certificate);
     let homed = table.flag(&stage::homed);
+    let z_holds_unpowered = table.flag(&stage::z_holds_unpowered);
     let home = table.word(&stage::home, &keys::HOMES);
     let home_side = table.word(&stage::home_side, &keys::HOME_SIDES);
     let (driver, link) = driver?;
@@ -145,6 +146,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         stiffness_n_mm: table.number(&stage::stiffness_n_mm),
         home_z_mm: table.number(&stage::home_z_mm),
         homed: homed?,
+        z_holds_unpowered: z_holds_unpowered?,
         home: home?,
         home_side: home_side?,
     })

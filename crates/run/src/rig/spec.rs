@@ -98,6 +98,8 @@ pub struct StageSpec {
     pub home_z_mm: Option<f64>,
     /// Whether axes whose motors are on are homed; only for controllers that don't report it.
     pub homed: bool,
+    /// Whether z stays where it is without power, so that the last resort may cut it.
+    pub z_holds_unpowered: bool,
 }
 
 /// How the position of the axes becomes known at each start.

@@ -430,7 +430,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// # Errors
     /// The stage moves on. A stage that doesn't answer is another error's.
     async fn must_rest(&mut self) -> Result<(), Halt> {
-        match timeout(SEEN_DEADLINE, self.stop_and_see()).await {
+        match timeout(SEEN_DEADLINE, self.stop_or_abort()).await {
             Ok(Err(Halt::Tripped(trip))) => Err(trip.into()),
             _ => Ok(()),
         }

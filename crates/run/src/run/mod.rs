@@ -16,6 +16,7 @@ mod examine;
 mod execute;
 mod feel;
 mod home;
+mod last_resort;
 mod monitors;
 mod motion;
 mod no_load_outputs;

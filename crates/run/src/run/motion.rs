@@ -1,6 +1,7 @@
 //! Motions during which the force is read.
 
 use super::Halt;
+use super::last_resort::given_up;
 use super::retraction::then_notify;
 use super::rig_control::{OUTPUTS_ON_THE_WAY, RigControl, WatchedLoadCell};
 use super::window::OutputMeans;
@@ -359,61 +360,73 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     }
 }
 
-/// Runs a motion to its end while every force is watched. Both always run to their end, so that no exchange is dropped half-way.
-/// A motion that isn't reported done long after its due time trips.
+/// Runs a motion to its end while every force is watched. Both run to their end, so that no exchange is dropped half-way, unless the force
+/// continues to rise beyond the limit after a stop. A motion that isn't reported done long after its due time trips.
 pub(super) async fn watched<C: LoadCell, T>(
     watched_cell: &mut WatchedLoadCell<'_, C>,
     motion: impl Future<Output = Result<T, Halt>>,
     orders: &MotionOrders,
     due: &Cell<Option<Instant>>,
-    mut steer: impl FnMut(&mut WatchedLoadCell<'_, C>, f64) -> Steer,
+    steer: impl FnMut(&mut WatchedLoadCell<'_, C>, f64) -> Steer,
 ) -> Result<T, Halt> {
-    let ended = Cell::new(false);
+    let (ended, over, beyond) = (Cell::new(false), Notify::new(), Notify::new());
     let motion = async {
-        let moved = motion.await;
+        let moved = given_up(motion, &beyond).await;
         ended.set(true);
+        over.notify_one();
         moved
     };
     let watch = async {
-        while !ended.get() {
-            let heard = {
-                let silent_after = seconds(STALE_S) + watched_cell.cell.conversion();
-                let heard = watched_cell.force_n();
-                tokio::pin!(heard);
-                match timeout(silent_after, &mut heard).await {
-                    Ok(heard) => heard,
-                    Err(_) => {
-                        orders.stop(); // no motion without monitoring
-                        heard.await
-                    }
-                }
-            };
-            let force_n = match heard {
-                Ok(force_n) => force_n,
-                Err(halt) => {
-                    orders.stop();
-                    return Err(halt);
-                }
-            };
-            match steer(watched_cell, force_n) {
-                Steer::On => {}
-                Steer::Stop => orders.stop(),
-                Steer::Speed(mm_s) => {
-                    due.set(None); // slower than calculated
-                    orders.speed(mm_s);
-                }
-            }
-            let silent_s = due.get().map_or(0.0, |due| due.elapsed().as_secs_f64());
-            if silent_s > SILENT_S {
-                orders.stop();
-                return Err(Trip::new(SafetyRule::StageSilent, silent_s, SILENT_S, "s").into());
+        let watched = watch_until(watched_cell, &ended, orders, due, steer).await;
+        if watched.is_err() {
+            orders.stop();
+            if watched_cell.rises_beyond(&over).await {
+                beyond.notify_one();
             }
         }
-        Ok(())
+        watched
     };
     let (moved, watched) = tokio::join!(motion, watch);
     watched?;
-    moved
+    moved.unwrap_or(Err(Halt::Cancelled)) // given up only where the watch has halted
+}
+
+/// Reads the force until a motion has ended, and passes it to `steer`.
+async fn watch_until<C: LoadCell>(
+    watched_cell: &mut WatchedLoadCell<'_, C>,
+    ended: &Cell<bool>,
+    orders: &MotionOrders,
+    due: &Cell<Option<Instant>>,
+    mut steer: impl FnMut(&mut WatchedLoadCell<'_, C>, f64) -> Steer,
+) -> Result<(), Halt> {
+    while !ended.get() {
+        let heard = {
+            let silent_after = seconds(STALE_S) + watched_cell.cell.conversion();
+            let heard = watched_cell.force_n();
+            tokio::pin!(heard);
+            match timeout(silent_after, &mut heard).await {
+                Ok(heard) => heard,
+                Err(_) => {
+                    orders.stop(); // no motion without monitoring
+                    heard.await
+                }
+            }
+        };
+        let force_n = heard?;
+        match steer(watched_cell, force_n) {
+            Steer::On => {}
+            Steer::Stop => orders.stop(),
+            Steer::Speed(mm_s) => {
+                due.set(None); // slower than calculated
+                orders.speed(mm_s);
+            }
+        }
+        let silent_s = due.get().map_or(0.0, |due| due.elapsed().as_secs_f64());
+        if silent_s > SILENT_S {
+            return Err(Trip::new(SafetyRule::StageSilent, silent_s, SILENT_S, "s").into());
+        }
+    }
+    Ok(())
 }
 
 /// Runs a motion to its end. Averages the outputs during the motion, once z is clear of the specimen, and as long as `goes_on` for their

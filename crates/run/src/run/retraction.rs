@@ -1,6 +1,7 @@
 //! The way out: stops the stage, sees that it rests, and retracts from the specimen, whether the load cell can be trusted or not.
 
 use super::Halt;
+use super::last_resort::unless_it_presses_on;
 use super::rig_control::{RigControl, WatchedLoadCell};
 use palpate_control::{MotionProfile, SafetyRule, Timing, Trip, check_sound, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, Limits, Steps, seconds};
@@ -23,7 +24,7 @@ const LAST_STOP_DEADLINE: Duration = Duration::from_secs(1);
 /// Number of successive readings that must show a rise of the force before the rise stops a retraction.
 const RISE_READINGS: usize = 5;
 /// Longest wait for the reading in progress at the end of a retraction.
-const LAST_READING_DEADLINE: Duration = Duration::from_millis(250);
+pub(super) const LAST_READING_DEADLINE: Duration = Duration::from_millis(250);
 
 /// Times after which a stage is asked again that answered with a complaint.
 const COMPLAINT_PAUSES: [Duration; 5] =
@@ -123,7 +124,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let most = END_DEADLINE + 2 * seconds(way_s);
         let leaving = async {
             if halt.is_fault() {
-                self.stop_and_see().await?;
+                self.stop_or_abort().await?;
             }
             // maybe in contact: the way out depends on no place
             self.retract_from(z_mm, true).await
@@ -164,25 +165,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         retracted
     }
 
-    /// Stops all axes and reads their positions back until they rest.
-    ///
-    /// A stage that answers with a complaint is asked again: a lost place is stated once, and a controller that restarts takes its time.
-    ///
-    /// # Errors
-    /// The stage moves on, or doesn't answer.
-    pub(super) async fn stop_and_see(&mut self) -> Result<(), Halt> {
-        for pause in COMPLAINT_PAUSES {
-            let seen = async {
-                self.stage.stop().await?;
-                rests(&mut self.stage, &self.usage.steps).await
-            };
-            match seen.await {
-                Err(Halt::Device(error)) if !matches!(error.problem, DeviceProblem::Link(_)) => sleep(pause).await,
-                seen => return seen,
-            }
+    /// Stops all axes and sees that they rest. If the force continues to rise beyond the limit meanwhile, the stage takes its last resort.
+    pub(super) async fn stop_or_abort(&mut self) -> Result<(), Halt> {
+        let RigControl { stage, cell, usage, .. } = self;
+        if let Some(seen) = unless_it_presses_on(cell, stop_and_see(stage, &usage.steps)).await {
+            return seen;
         }
-        self.stage.stop().await?;
-        rests(&mut self.stage, &self.usage.steps).await
+        stage.abort().await?;
+        stop_and_see(stage, &usage.steps).await
     }
 
     /// Returns the largest force that was read; `None` if nothing was pressed.
@@ -326,6 +316,28 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     }
 }
 
+/// Stops all axes and reads their positions back until they rest.
+///
+/// A stage that answers with a complaint is asked again: a lost place is stated once, and a controller that restarts takes its time.
+///
+/// # Errors
+/// The stage moves on, or doesn't answer.
+async fn stop_and_see<S: Stage>(stage: &mut S, steps: &Steps) -> Result<(), Halt> {
+    let mut pauses = COMPLAINT_PAUSES.into_iter();
+    loop {
+        let seen = async {
+            stage.stop().await?;
+            rests(stage, steps).await
+        };
+        match (seen.await, pauses.next()) {
+            (Err(Halt::Device(error)), Some(pause)) if !matches!(error.problem, DeviceProblem::Link(_)) => {
+                sleep(pause).await;
+            }
+            (seen, _) => return seen,
+        }
+    }
+}
+
 /// Reads the positions of all axes back until they rest.
 async fn rests<S: Stage>(stage: &mut S, steps: &Steps) -> Result<(), Halt> {
     let until = Instant::now() + REST_DEADLINE;
@@ -394,21 +406,7 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         let none_n = self.watch.zero().offset_n;
         let (mut last, mut lowest_n) = ([f64::NEG_INFINITY; RISE_READINGS], f64::INFINITY);
         let mut risen = Ok(());
-        loop {
-            let reading = async {
-                sleep(self.cell.conversion()).await;
-                self.cell.read().await
-            };
-            tokio::pin!(reading);
-            let read = tokio::select! {
-                biased;
-                () = over.notified() => {
-                    // an exchange that is answered in time isn't abandoned
-                    let _ = timeout(LAST_READING_DEADLINE, reading).await;
-                    return risen;
-                }
-                read = &mut reading => read,
-            };
+        while let Some(read) = self.reading_until(over).await {
             let Some(read) = read.ok().filter(|read| check_sound(read).is_ok()) else { continue };
             last.rotate_left(1);
             last[RISE_READINGS - 1] = read.force_n;
@@ -420,5 +418,6 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
                 orders.stop();
             }
         }
+        risen
     }
 }

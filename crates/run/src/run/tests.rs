@@ -23,6 +23,8 @@ struct StrawStage<'a> {
     at_mm: [f64; 3],
     /// How long it says that a motion takes, s.
     takes_s: f64,
+    /// Whether a stop ends it.
+    obeys: bool,
 }
 
 impl Stage for StrawStage<'_> {
@@ -42,7 +44,7 @@ impl Stage for StrawStage<'_> {
     async fn follow(&mut self, axes: &[Axis], _: Duration, orders: &MotionOrders) -> Result<Vec<f64>, DeviceError> {
         tokio::select! {
             biased;
-            () = orders.pulled().notified() => self.text.borrow_mut().push("stop".to_owned()),
+            () = orders.pulled().notified(), if self.obeys => self.text.borrow_mut().push("stop".to_owned()),
             () = sleep(Duration::from_secs_f64(self.takes_s)) => {}
         }
         Ok(axes.iter().map(|axis| self.at_mm[axis.index()]).collect())
@@ -51,6 +53,10 @@ impl Stage for StrawStage<'_> {
         Ok(self.at_mm[axis.index()])
     }
     async fn stop(&mut self) -> Result<(), DeviceError> {
+        Ok(())
+    }
+    async fn abort(&mut self) -> Result<(), DeviceError> {
+        self.text.borrow_mut().push("abort".to_owned());
         Ok(())
     }
     async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
@@ -63,6 +69,8 @@ struct StrawCell {
     began: Instant,
     early_n: f64,
     late_n: f64,
+    /// How fast it rises then, N/s.
+    rises_n_s: f64,
     /// When that is, s.
     until_s: f64,
 }
@@ -74,7 +82,8 @@ impl LoadCell for StrawCell {
     async fn read(&mut self) -> Result<ForceReading, DeviceError> {
         sleep(Duration::from_millis(1)).await;
         let at_s = self.began.elapsed().as_secs_f64();
-        let force_n = if at_s < self.until_s { self.early_n } else { self.late_n };
+        let late_n = self.late_n + self.rises_n_s * (at_s - self.until_s);
+        let force_n = if at_s < self.until_s { self.early_n } else { late_n };
         Ok(ForceReading { at_s, force_n, side_n: None, health: Health::default() })
     }
     fn conversion(&self) -> Duration {
@@ -103,9 +112,9 @@ fn rig_control<'a>(
     (early_n, late_n): (f64, f64),
 ) -> RigControl<'a, StrawStage<'a>, StrawCell, StrawArray> {
     let zero = Zero::with_noise(0.003);
-    let cell = StrawCell { began: Instant::now(), early_n, late_n, until_s: 0.2 };
+    let cell = StrawCell { began: Instant::now(), early_n, late_n, rises_n_s: 0.0, until_s: 0.2 };
     let parts = Instruments {
-        stage: StrawStage { text, at_mm: [0.0; 3], takes_s: 0.4 },
+        stage: StrawStage { text, at_mm: [0.0; 3], takes_s: 0.4, obeys: true },
         load_cell: WatchedLoadCell::new(cell, Watch::new(&LIMITS, zero), cancel, &|_| {}),
         array: StrawArray,
     };
@@ -118,6 +127,7 @@ fn rig_control<'a>(
         home_speed_mm_s: 2.0,
         home_z_mm: 12.5,
         homed: false,
+        z_holds_unpowered: false,
         by_hand: false,
         steps: Steps::FINE,
         home_search: HomeSearch::Away,
@@ -240,6 +250,26 @@ async fn an_end_takes_no_longer_than_the_way_up_and_five_seconds() {
     let Halt::Device(error) = left else { panic!("{left:?}") };
     assert!(error.to_string().contains("isn't parked after 10 s: press the emergency stop"), "{error}");
     assert!(began.elapsed() <= Duration::from_millis(10_001), "{:?}", began.elapsed());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_force_that_no_stop_ends_takes_the_last_resort() {
+    // it is a tenth over the limit of 2 N, and rises; a stage that rests in contact is freed by its way out
+    for (force_n, rises_n_s, aborts) in [(2.1, 0.01, 0), (2.5, 0.0, 0), (2.5, 5.0, 1)] {
+        let (text, cancel) = (RefCell::default(), Cancel::default());
+        let mut rig_control = rig_control(&text, &cancel, (0.0, force_n));
+        rig_control.cell.cell.device.rises_n_s = rises_n_s;
+        rig_control.stage.obeys = false;
+        rig_control.stage.takes_s = 1.0;
+        rig_control.z_mm = 0.5;
+        let began = Instant::now();
+        let halt = rig_control.move_z(away(0.0), None).await.unwrap_err();
+        assert!(matches!(&halt, Halt::Tripped(trip) if trip.rule == SafetyRule::OverForce), "{halt:?}");
+        // the motion that doesn't end is given up, not waited for
+        assert_eq!(began.elapsed() < Duration::from_millis(500), aborts == 1, "{:?}", began.elapsed());
+        let _ = rig_control.leave(Some(&halt), -0.3, &LIMITS).await;
+        assert_eq!(text.borrow().iter().filter(|text| *text == "abort").count(), aborts, "{text:?}");
+    }
 }
 
 #[tokio::test(start_paused = true)]
