@@ -1,6 +1,7 @@
 //! How a press is controlled: the state machine alone, and whole runs with specimens, links and load cells that aren't as declared.
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
+mod asked_to_stop;
 mod bench_ills;
 mod drags;
 mod false_alarms;

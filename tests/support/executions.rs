@@ -185,6 +185,17 @@ pub enum Deaths {
 
 /// Executes a plan on a changed rig.
 pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) -> ExecutedRun {
+    executed_until(spec, plan, FOR_EVER, deaths, tamper)
+}
+
+/// Executes a plan on a changed rig. A person asks to stop after this time.
+pub fn executed_until(
+    spec: &RigSpec,
+    plan: &Plan,
+    asked_after: Duration,
+    deaths: Deaths,
+    tamper: Tamper,
+) -> ExecutedRun {
     run_virtually(async {
         let mut rig = spec.emulators(plan.seed).expect("emulators");
         tamper(&mut rig);
@@ -196,7 +207,17 @@ pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper
         let rig = spec.open_on(rig).expect("drivers");
         let job = RunJob { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let mut listener = SilentRun { began, ready_s: 0.0 };
-        let ending = timeout(FOR_EVER, execute_on(rig, job, &mut listener)).await.expect("it doesn't end by itself");
+        let ended = timeout(FOR_EVER, execute_on(rig, job, &mut listener));
+        let asked = async {
+            sleep(asked_after).await;
+            cancel.ask();
+            std::future::pending().await
+        };
+        let ending = tokio::select! {
+            biased;
+            ended = ended => ended.expect("it doesn't end by itself"),
+            () = asked => unreachable!("it is pending"),
+        };
         let virtual_s = began.elapsed().as_secs_f64();
         sleep(AFTERWARDS).await; // late messages have had their effect by then
         let now_s = began.elapsed().as_secs_f64();

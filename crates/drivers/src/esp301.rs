@@ -466,7 +466,6 @@ impl Stage for Esp301 {
 
     /// Cuts the power (manual, page AB) if z holds without it.
     async fn abort(&mut self) -> Result<(), DeviceError> {
-        self.line.misfit(); // an answer may still come
         self.stop().await?;
         match self.usage.as_ref().is_some_and(|usage| usage.z_holds_unpowered) {
             true => self.line.tell_now("AB").await.map_err(|error| self.failed("stopping it at once", &error)),

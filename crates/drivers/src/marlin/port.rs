@@ -68,6 +68,8 @@ pub(super) struct MarlinPort {
     is_new: bool,
     /// Whether an answer may still come to a line that was sent before.
     in_doubt: bool,
+    /// Whether an exchange was begun, which may have been given up since.
+    is_begun: bool,
     /// Number of the last marker.
     marker: u64,
     pub complaints: Vec<String>,
@@ -91,6 +93,7 @@ impl MarlinPort {
             taken: NUMBER_FIRST,
             is_new: true,
             in_doubt: true,
+            is_begun: false,
             marker: 0,
             complaints: Vec::new(),
             texts: Vec::new(),
@@ -142,13 +145,21 @@ impl MarlinPort {
     ) -> Result<(), DeviceError> {
         self.get_ready(doing).await?;
         self.number += 1;
-        self.send_until_taken(doing, command, takes, orders).await
+        let taken = self.send_until_taken(doing, command, takes, orders).await;
+        self.is_begun = false;
+        taken
     }
 
     /// Sends two commands that move nothing, both at once; the first takes so long. The printer doesn't take the second after it refused the
     /// first. If anything is wrong, each is sent again with its number.
     pub(super) async fn both(&mut self, doing: &str, commands: [&str; 2], takes: Duration) -> Result<(), DeviceError> {
         self.get_ready(doing).await?;
+        let taken = self.take_both(doing, commands, takes).await;
+        self.is_begun = false;
+        taken
+    }
+
+    async fn take_both(&mut self, doing: &str, commands: [&str; 2], takes: Duration) -> Result<(), DeviceError> {
         let numbers = self.number + 1..;
         for command in commands {
             self.number += 1;
@@ -188,6 +199,7 @@ impl MarlinPort {
         if self.restarts > restarts {
             return Err(self.lost(doing));
         }
+        self.in_doubt |= std::mem::replace(&mut self.is_begun, true);
         self.get_in_step(doing).await
     }
 

@@ -133,13 +133,15 @@ impl Marlin {
                 ((position.steps[index] - self.zero[index]) as f64 * step_mm, position.ends_mm[index]);
             // half a step, and the rounding of the report
             if (motor_mm - end_mm).abs() > 0.5 * step_mm + REPORT_ROUNDING_MM {
-                self.zero[index] = position.steps[index] - (end_mm / step_mm).round() as i64; // stated once
+                let steps_to_end = |axis: usize| (position.ends_mm[axis] * self.steps_per_mm[axis]).round() as i64;
+                self.zero = std::array::from_fn(|axis| position.steps[axis] - steps_to_end(axis)); // stated once
                 let text = format!("it reports {name} at {end_mm} mm, but its motor is at {motor_mm:.4} mm");
                 return Err(self.port.error(doing, DeviceProblem::Motion(text)));
             }
             let known = self.usage.as_ref().filter(|_| !self.port.is_lost);
             if let Some(usage) = known.filter(|usage| !usage.reach(axis).contains(at_mm[index])) {
                 let reach = usage.reach(axis);
+                self.port.is_lost = true; // stated once: the way out depends on no place
                 let text = format!("{name} is at {:.4} mm, outside {} to {} mm", at_mm[index], reach.min, reach.max);
                 return Err(self.port.error(doing, DeviceProblem::Motion(text)));
             }

@@ -1,13 +1,14 @@
 //! A contact at rest: while the force is read, the stage is asked whether z still is where it came to rest.
 
 use super::Halt;
-use super::motion::lost;
+use super::motion::{GIVEN_UP_AFTER, lost};
 use super::retraction::then_notify;
 use super::rig_control::RigControl;
 use palpate_core::quantity::Axis;
 use palpate_link::device::{DeviceProblem, LoadCell, MotionOrders, SensorArray, Stage};
-use palpate_link::time::{Instant, sleep_until};
+use palpate_link::time::{Instant, sleep_until, timeout};
 use std::cell::Cell;
+use std::pin::pin;
 use std::time::Duration;
 use tokio::sync::Notify;
 
@@ -40,7 +41,20 @@ impl AtRest {
                 () = over.notified() => return Ok(()),
                 () = sleep_until(ask_at) => {}
             }
-            let is_mm = stage.position_mm(Axis::Z, &MotionOrders::default()).await?;
+            let (orders, mut is_over) = (MotionOrders::default(), false);
+            let mut asked = pin!(stage.position_mm(Axis::Z, &orders));
+            let answer = tokio::select! {
+                biased;
+                answer = &mut asked => answer,
+                () = over.notified() => {
+                    is_over = true;
+                    match timeout(GIVEN_UP_AFTER, asked).await {
+                        Ok(answer) => answer,
+                        Err(_) => return Ok(()),
+                    }
+                }
+            };
+            let is_mm = answer?;
             // written as the positive condition, so NaN fails
             let rests = (is_mm - self.z_mm).abs() <= self.most_mm;
             if !rests {
@@ -49,6 +63,9 @@ impl AtRest {
                     self.z_mm
                 );
                 return Err(lost(DeviceProblem::Motion(text)));
+            }
+            if is_over {
+                return Ok(());
             }
         }
     }

@@ -43,7 +43,10 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
             match (force_n.filter(|force_n| *force_n > least_n), first_n) {
                 (None, _) => first_n = None,
                 (Some(now_n), None) => first_n = Some(now_n),
-                (Some(now_n), Some(first_n)) if now_n > first_n + rise_n => return true,
+                (Some(now_n), Some(first_n)) if now_n > first_n + rise_n => {
+                    self.presses_on = true;
+                    return true;
+                }
                 _ => {}
             }
         }
@@ -56,21 +59,21 @@ pub(super) async fn unless_it_presses_on<C: LoadCell, T>(
     watched_cell: &mut WatchedLoadCell<'_, C>,
     stopping: impl Future<Output = T>,
 ) -> Option<T> {
-    let (over, beyond) = (Notify::new(), Notify::new());
-    let stopping = then_notify(given_up(stopping, &beyond), &over);
+    let (over, given_up) = (Notify::new(), Notify::new());
+    let stopping = then_notify(unless_given_up(stopping, &given_up), &over);
     let watch = async {
         if watched_cell.rises_beyond(&over).await {
-            beyond.notify_one();
+            given_up.notify_one();
         }
     };
     tokio::join!(stopping, watch).0
 }
 
-/// Awaits something; `None` if the force is beyond before.
-pub(super) async fn given_up<T>(awaited: impl Future<Output = T>, beyond: &Notify) -> Option<T> {
+/// Awaits something; `None` if it is given up before.
+pub(super) async fn unless_given_up<T>(awaited: impl Future<Output = T>, given_up: &Notify) -> Option<T> {
     tokio::select! {
         biased;
         done = awaited => Some(done),
-        () = beyond.notified() => None,
+        () = given_up.notified() => None,
     }
 }

@@ -1,7 +1,7 @@
 //! Motions during which the force is read.
 
 use super::Halt;
-use super::last_resort::given_up;
+use super::last_resort::unless_given_up;
 use super::retraction::then_notify;
 use super::rig_control::{OUTPUTS_ON_THE_WAY, RigControl, WatchedLoadCell};
 use super::window::OutputMeans;
@@ -26,6 +26,9 @@ const PIECE_S: f64 = 0.5;
 
 /// Part of its expected duration by which a motion may be late. A controller on a busy computer is.
 pub(super) const LATE_SHARE: f64 = 0.1;
+
+/// Longest wait for the stage after a halt, beyond the time of its motion.
+pub(super) const GIVEN_UP_AFTER: Duration = Duration::from_secs(1);
 
 /// Longest time without an answer after a motion should have ended, s.
 pub(super) const SILENT_S: f64 = 0.5;
@@ -360,8 +363,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     }
 }
 
-/// Runs a motion to its end while every force is watched. Both run to their end, so that no exchange is dropped half-way, unless the force
-/// continues to rise beyond the limit after a stop. A motion that isn't reported done long after its due time trips.
+/// Runs a motion to its end while every force is watched. Both run to their end, so that no exchange is dropped half-way. After a halt the
+/// motion is given up if the force continues to rise beyond the limit, or if it doesn't end in its time. A motion that isn't reported done
+/// long after its due time trips.
 pub(super) async fn watched<C: LoadCell, T>(
     watched_cell: &mut WatchedLoadCell<'_, C>,
     motion: impl Future<Output = Result<T, Halt>>,
@@ -369,9 +373,9 @@ pub(super) async fn watched<C: LoadCell, T>(
     due: &Cell<Option<Instant>>,
     steer: impl FnMut(&mut WatchedLoadCell<'_, C>, f64) -> Steer,
 ) -> Result<T, Halt> {
-    let (ended, over, beyond) = (Cell::new(false), Notify::new(), Notify::new());
+    let (ended, over, given_up) = (Cell::new(false), Notify::new(), Notify::new());
     let motion = async {
-        let moved = given_up(motion, &beyond).await;
+        let moved = unless_given_up(motion, &given_up).await;
         ended.set(true);
         over.notify_one();
         moved
@@ -380,8 +384,10 @@ pub(super) async fn watched<C: LoadCell, T>(
         let watched = watch_until(watched_cell, &ended, orders, due, steer).await;
         if watched.is_err() {
             orders.stop();
-            if watched_cell.rises_beyond(&over).await {
-                beyond.notify_one();
+            watched_cell.halted = Some(Instant::now());
+            let left = due.get().map_or(Duration::ZERO, |due| due.duration_since(Instant::now()));
+            if timeout(left + GIVEN_UP_AFTER, watched_cell.rises_beyond(&over)).await.unwrap_or(true) {
+                given_up.notify_one();
             }
         }
         watched

@@ -1,7 +1,7 @@
 //! The way out: stops the stage, sees that it rests, and retracts from the specimen, whether the load cell can be trusted or not.
 
 use super::Halt;
-use super::last_resort::unless_it_presses_on;
+use super::last_resort::{unless_given_up, unless_it_presses_on};
 use super::rig_control::{RigControl, WatchedLoadCell};
 use palpate_control::{MotionProfile, SafetyRule, Timing, Trip, check_sound, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, Limits, Steps, seconds};
@@ -116,12 +116,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// # Errors
     /// The stage isn't parked.
     pub(super) async fn leave(&mut self, halt: Option<&Halt>, z_mm: f64, limits: &Limits) -> Result<(), Halt> {
-        let Some(halt) = halt else { return self.retract(z_mm).await };
-        if halt.is_fault() {
-            self.usage.speed_mm_s = self.usage.speed_mm_s.min(self.risen_mm_s(limits));
-        }
-        let way_s = self.usage.travel.along(Axis::Z).width() / self.usage.speed_mm_s;
-        let most = END_DEADLINE + 2 * seconds(way_s);
+        let Some(halt) = halt else { return self.retract_from(z_mm, true).await };
+        let way = |speed_mm_s: f64| seconds(self.usage.travel.along(Axis::Z).width() / speed_mm_s);
+        let out_mm_s = if halt.is_fault() { self.risen_mm_s(limits) } else { f64::INFINITY };
+        let out_mm_s = out_mm_s.min(self.usage.speed_mm_s);
+        let most = END_DEADLINE + way(self.usage.speed_mm_s) + way(out_mm_s);
+        self.usage.speed_mm_s = out_mm_s;
+        let halted = self.cell.halted.map_or(Duration::ZERO, |halted| halted.elapsed());
         let leaving = async {
             if halt.is_fault() {
                 self.stop_or_abort().await?;
@@ -129,7 +130,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             // maybe in contact: the way out depends on no place
             self.retract_from(z_mm, true).await
         };
-        if let Ok(left) = timeout(most, leaving).await {
+        if let Ok(left) = timeout(most.saturating_sub(halted), leaving).await {
             return left;
         }
         let _ = timeout(LAST_STOP_DEADLINE, self.stage.stop()).await;
@@ -168,9 +169,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Stops all axes and sees that they rest. If the force continues to rise beyond the limit meanwhile, the stage takes its last resort.
     pub(super) async fn stop_or_abort(&mut self) -> Result<(), Halt> {
         let RigControl { stage, cell, usage, .. } = self;
-        if let Some(seen) = unless_it_presses_on(cell, stop_and_see(stage, &usage.steps)).await {
+        if !cell.presses_on
+            && let Some(seen) = unless_it_presses_on(cell, stop_and_see(stage, &usage.steps)).await
+        {
             return seen;
         }
+        cell.presses_on = false;
         stage.abort().await?;
         stop_and_see(stage, &usage.steps).await
     }
@@ -208,10 +212,21 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Stops the stage and retracts z. An axis that still brakes takes no target, so it is at rest before it is sent away. A
     /// repetition is safe, because the position is asked each time and the target is the same position at clearance height.
     async fn stop_and_retract(&mut self, z_mm: f64, may_press: bool) -> Result<(), Halt> {
-        self.stage.stop().await?;
-        // retract at any force, even if the controller's guard can't be cleared
-        let _ = self.stage.guard(None).await;
-        self.stage.follow(&Axis::ALL, Duration::ZERO, &MotionOrders::default()).await?;
+        let RigControl { stage, cell, .. } = self;
+        let stopping = async {
+            stage.stop().await?;
+            // retract at any force, even if the controller's guard can't be cleared
+            let _ = stage.guard(None).await;
+            stage.follow(&Axis::ALL, Duration::ZERO, &MotionOrders::default()).await.map(drop)
+        };
+        let stopped = if may_press { unless_it_presses_on(cell, stopping).await } else { Some(stopping.await) };
+        match stopped {
+            Some(stopped) => stopped?,
+            None => {
+                self.cell.presses_on = false;
+                self.stage.abort().await?;
+            }
+        }
         self.retract_at_any_force(z_mm, may_press).await
     }
 
@@ -240,7 +255,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             if !matches!(&halt, Halt::Tripped(trip) if trip.rule == SafetyRule::ForceRose) {
                 return Err(halt);
             }
-            rests(&mut self.stage, &self.usage.steps).await?;
+            self.stop_or_abort().await?;
             self.read_back_z().await?;
             let is_away = from_mm - self.z_mm > self.usage.steps.in_position_mm(Axis::Z);
             let now = self.felt().await;
@@ -372,11 +387,21 @@ pub(super) async fn unless_it_rises<C: LoadCell, T>(
     motion: impl Future<Output = Result<T, Halt>>,
     orders: &MotionOrders,
 ) -> Result<T, Halt> {
-    let over = Notify::new();
-    let motion = then_notify(motion, &over);
-    let (moved, risen) = tokio::join!(motion, watched_cell.rises(&over, orders));
+    let (over, given_up) = (Notify::new(), Notify::new());
+    let motion = then_notify(unless_given_up(motion, &given_up), &over);
+    let watch = async {
+        let risen = watched_cell.rises(&over).await;
+        if risen.is_err() {
+            orders.stop();
+            if watched_cell.rises_beyond(&over).await {
+                given_up.notify_one();
+            }
+        }
+        risen
+    };
+    let (moved, risen) = tokio::join!(motion, watch);
     risen?;
-    moved
+    moved.unwrap_or(Err(Halt::Cancelled)) // given up only where the force rose
 }
 
 /// Awaits a motion, and notifies that it is over.
@@ -398,14 +423,12 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         Some(sum_n / PIECE_READINGS as f64 - self.watch.zero().offset_n)
     }
 
-    /// Reads until a retraction is over. It stops the retraction if the force rises above its lowest value and above zero,
-    /// because z then moves the wrong way. A cell that reads pushes as pulls rises to zero on the way out. A cell that doesn't
-    /// answer or gives no number doesn't stop the retraction.
-    async fn rises(&mut self, over: &Notify, orders: &MotionOrders) -> Result<(), Trip> {
+    /// Reads until a retraction is over, or the force rises above its lowest value and above zero, because z then moves the wrong way. A cell
+    /// that reads pushes as pulls rises to zero on the way out. A cell that doesn't answer or gives no number doesn't stop the retraction.
+    async fn rises(&mut self, over: &Notify) -> Result<(), Trip> {
         let most_n = self.watch.rise_most_n();
         let none_n = self.watch.zero().offset_n;
         let (mut last, mut lowest_n) = ([f64::NEG_INFINITY; RISE_READINGS], f64::INFINITY);
-        let mut risen = Ok(());
         while let Some(read) = self.reading_until(over).await {
             let Some(read) = read.ok().filter(|read| check_sound(read).is_ok()) else { continue };
             last.rotate_left(1);
@@ -413,11 +436,10 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
             lowest_n = lowest_n.min(read.force_n);
             // all of the last readings: a single spike doesn't stop the retraction
             let rise_n = last.iter().copied().fold(f64::INFINITY, f64::min) - lowest_n.max(none_n);
-            if risen.is_ok() && rise_n > most_n {
-                risen = Err(Trip::new(SafetyRule::ForceRose, rise_n, most_n, "N"));
-                orders.stop();
+            if rise_n > most_n {
+                return Err(Trip::new(SafetyRule::ForceRose, rise_n, most_n, "N"));
             }
         }
-        risen
+        Ok(())
     }
 }

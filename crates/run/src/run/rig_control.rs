@@ -89,6 +89,10 @@ pub(super) struct WatchedLoadCell<'a, C> {
     pub side_n: Option<[f64; 2]>,
     /// Time at which the stage is at rest. No earlier force belongs to a stage at rest.
     pub settled: Instant,
+    /// Time at which a motion was halted.
+    pub halted: Option<Instant>,
+    /// Whether the force rose beyond the limit after a stop, and the stage wasn't aborted yet.
+    pub presses_on: bool,
     no_load: NoLoadForces,
 }
 
@@ -115,6 +119,8 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             last: None,
             side_n: None,
             settled: now,
+            halted: None,
+            presses_on: false,
             no_load,
         }
     }

@@ -255,7 +255,7 @@ async fn an_end_takes_no_longer_than_the_way_up_and_five_seconds() {
 #[tokio::test(start_paused = true)]
 async fn a_force_that_no_stop_ends_takes_the_last_resort() {
     // it is a tenth over the limit of 2 N, and rises; a stage that rests in contact is freed by its way out
-    for (force_n, rises_n_s, aborts) in [(2.1, 0.01, 0), (2.5, 0.0, 0), (2.5, 5.0, 1)] {
+    for (force_n, rises_n_s, aborts) in [(2.1, 0.01, false), (2.5, 0.0, false), (2.5, 5.0, true)] {
         let (text, cancel) = (RefCell::default(), Cancel::default());
         let mut rig_control = rig_control(&text, &cancel, (0.0, force_n));
         rig_control.cell.cell.device.rises_n_s = rises_n_s;
@@ -266,9 +266,9 @@ async fn a_force_that_no_stop_ends_takes_the_last_resort() {
         let halt = rig_control.move_z(away(0.0), None).await.unwrap_err();
         assert!(matches!(&halt, Halt::Tripped(trip) if trip.rule == SafetyRule::OverForce), "{halt:?}");
         // the motion that doesn't end is given up, not waited for
-        assert_eq!(began.elapsed() < Duration::from_millis(500), aborts == 1, "{:?}", began.elapsed());
+        assert_eq!(began.elapsed() < Duration::from_millis(500), aborts, "{:?}", began.elapsed());
         let _ = rig_control.leave(Some(&halt), -0.3, &LIMITS).await;
-        assert_eq!(text.borrow().iter().filter(|text| *text == "abort").count(), aborts, "{text:?}");
+        assert_eq!(text.borrow().iter().any(|text| text == "abort"), aborts, "{text:?}");
     }
 }
 
