@@ -131,7 +131,7 @@ fn begun(search: FaultSearch) -> Option<Receiver<SearchedFaults>> {
     Some(receiver)
 }
 
-/// Gives this thread the least share of the processors: on two of them, a search beside the program and its client made one answer of a
+/// Gives this thread the least share of the processors: beside another busy program on two of them, a search of 192 units made one answer of a
 /// hundred wait for 2 to 4 ms. Elsewhere than on Linux such a call would hold back the whole process.
 #[cfg(target_os = "linux")]
 fn yield_to_answers() {
