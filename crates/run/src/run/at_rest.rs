@@ -26,11 +26,18 @@ pub(super) struct AtRest {
 }
 
 impl AtRest {
-    /// Asks the stage each second until a time, or until something is over.
+    /// Asks the stage each second until a time, or until something is over. If that failed, a question under way is given up at once, because
+    /// nothing watches the force any more.
     ///
     /// # Errors
     /// z isn't where it was: it moved, or the controller restarted or counts from another zero. Any motion then needs a read-back first.
-    pub(super) async fn asked<S: Stage>(&self, stage: &mut S, until: Instant, over: &Notify) -> Result<(), Halt> {
+    pub(super) async fn asked<S: Stage>(
+        &self,
+        stage: &mut S,
+        until: Instant,
+        over: &Notify,
+        failed: &Cell<bool>,
+    ) -> Result<(), Halt> {
         loop {
             let ask_at = Instant::now() + ASKED_EVERY;
             if ask_at >= until {
@@ -47,6 +54,9 @@ impl AtRest {
                 biased;
                 answer = &mut asked => answer,
                 () = over.notified() => {
+                    if failed.get() {
+                        return Ok(());
+                    }
                     is_over = true;
                     match timeout(GIVEN_UP_AFTER, asked).await {
                         Ok(answer) => answer,
@@ -82,15 +92,15 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let until = Instant::now() + Duration::from_secs_f64(seconds);
         let at_rest = self.at_rest();
         let (stage, cell) = (&mut self.stage, &mut self.cell);
-        let (moved, over) = (Cell::new(false), Notify::new());
+        let (failed, over) = (Cell::new(false), Notify::new());
         let forces = async {
-            while Instant::now() < until && !moved.get() {
-                cell.force_n().await?;
+            while Instant::now() < until && !failed.get() {
+                cell.force_n().await.inspect_err(|_| failed.set(true))?;
             }
             Ok::<(), Halt>(())
         };
         let forces = then_notify(forces, &over);
-        let rests = async { at_rest.asked(stage, until, &over).await.inspect_err(|_| moved.set(true)) };
+        let rests = async { at_rest.asked(stage, until, &over, &failed).await.inspect_err(|_| failed.set(true)) };
         let (forces, rests) = tokio::join!(forces, rests);
         forces?;
         rests

@@ -184,7 +184,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             Ok::<(), Halt>(())
         };
         let forces = then_notify(forces, &over);
-        let rests = async { at_rest.asked(stage, until, &over).await.inspect_err(|_| failed.set(true)) };
+        let rests = async { at_rest.asked(stage, until, &over, &failed).await.inspect_err(|_| failed.set(true)) };
         let outputs = async {
             let mut now = vec![0.0; array.units()];
             while Instant::now() < until && !failed.get() {
