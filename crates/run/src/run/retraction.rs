@@ -125,7 +125,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let halted = self.cell.halted.map_or(Duration::ZERO, |halted| halted.elapsed());
         let leaving = async {
             if halt.is_fault() {
-                self.stop_or_abort().await?;
+                match self.stop_or_abort().await {
+                    // a controller that restarts didn't hear the question: the way out asks again
+                    Err(Halt::Device(DeviceError { problem: DeviceProblem::Link(_), .. })) => {}
+                    seen => seen?,
+                }
             }
             // maybe in contact: the way out depends on no place
             self.retract_from(z_mm, true).await
