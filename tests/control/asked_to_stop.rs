@@ -1,14 +1,13 @@
 //! A person asks to stop while the stage answers wrongly, or not at all: the run ends in time, and never as if it let go of what it presses.
 
-use super::families::{ESP301, Family, GRBL, KLIPPER, MARLIN, PROGRAM, When, XPS};
+use super::families::{ESP301, Family, GRBL, KLIPPER, LEFT_N, MARLIN, PROGRAM, When, XPS};
 use palpate_core::quantity::{Axis, stream};
 use palpate_run::run::{Halt, Remaining};
 use palpate_sim::emulator::{
     EspFaultKind, GrblFaultKind, KlipperFaultKind, MarlinFaultKind, ProcessStageFaultKind, XpsFaultKind,
 };
-use palpate_sim::scene::ContactLaw;
 use palpate_testing::campaign;
-use palpate_testing::executions::{Deaths, executed_until, in_parallel, must_be_none, plan};
+use palpate_testing::executions::{Deaths, executed_until, in_parallel, must_be_none};
 use rand::RngExt;
 use std::fmt::Debug;
 use std::time::Duration;
@@ -22,19 +21,11 @@ const ASKED_WITHIN_S: f64 = 2.0;
 /// Longest end after the request beside two ways along z, s: 5 s, a last stop, and what is read of the force that remains.
 const ENDS_WITHIN_S: f64 = 5.0 + 1.0 + 2.5;
 
-/// Least force that counts as left on the specimen, N.
-const LEFT_N: f64 = 0.05;
-
 impl<K: Copy + Debug + Send + Sync> Family<K> {
     /// Asks to stop some time after a fault in a press of 1 N that is held.
     fn asks(&self, kind: K) {
-        let mut spec = self.spec();
-        spec.scene.contact = ContactLaw { linear_n_mm: 1.8, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
-        spec.scene.relaxation.clear();
-        (spec.limits.force_n, spec.limits.stiffness_n_mm) = (2.0, 2.0);
-        let text = "name = \"asked\"\nchecks = \"none\"\n[press]\nforce_tolerance_n = 0.05\nhold_s = 3.0\nsample_s = 0.2\n[[step]]\n\
-             phase = \"calibration\"\nrandom = { count = 1, x_mm = [-1.0, 1.0], y_mm = [-1.0, 1.0] }\nforce_n = 1.0\n";
-        let plan = plan(&spec, text, 1);
+        let spec = self.over_specimen();
+        let plan = self.press(&spec);
         let never = Duration::from_secs(3600);
         let run = |asked_after, fault| {
             executed_until(&spec, &plan, asked_after, Deaths::Ignored, &|rig| self.install(&spec, rig, fault))

@@ -1,15 +1,25 @@
 //! The families of stages, each with an emulator to which a fault can be given.
 
+use palpate_data::recipe::Plan;
 use palpate_run::rig::{self, RigSpec, SimulatedRig};
 use palpate_sim::emulator::{
     DeviceFault, Esp301Emulator, EspFaultKind, FaultAfterBytes, GRBL_ROOM_MM, GrblBoard, GrblEmulator, GrblFaultKind,
     Instrument, KlipperBoard, KlipperEmulator, KlipperFaultKind, MarlinBoard, MarlinEmulator, MarlinFaultKind,
     ProcessStageEmulator, ProcessStageFaultKind, Shared, UrArm, UrEmulator, UrFaultKind, XpsEmulator, XpsFaultKind,
 };
-use palpate_sim::scene::Scene;
+use palpate_sim::scene::{ContactLaw, Scene};
+use palpate_testing::executions::plan;
 use palpate_testing::shipped_text;
 use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
+
+/// Limit of the specimen, its stiffness and what is declared of it.
+pub(crate) const LIMIT_N: f64 = 2.0;
+const STIFFNESS_N_MM: f64 = 1.8;
+pub(crate) const DECLARED_N_MM: f64 = 2.0;
+
+/// Least force that counts as left on the specimen, N.
+pub(crate) const LEFT_N: f64 = 0.05;
 
 /// When a fault happens.
 #[derive(Clone, Copy, Debug)]
@@ -35,6 +45,23 @@ impl<K> Family<K> {
     pub(crate) fn spec(&self) -> RigSpec {
         let text = shipped_text(self.rig);
         rig::parse(self.rig, &text, &|_| unreachable!("no map of its own")).expect("the shipped rig").simulated()
+    }
+
+    /// Returns its rig with a specimen without relaxation.
+    pub(crate) fn over_specimen(&self) -> RigSpec {
+        let mut spec = self.spec();
+        (spec.limits.force_n, spec.limits.stiffness_n_mm) = (LIMIT_N, DECLARED_N_MM);
+        spec.scene.contact = ContactLaw { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
+        spec.scene.relaxation.clear();
+        spec.stage.z_holds_unpowered = self.z_holds;
+        spec
+    }
+
+    /// One press of 1 N that is held for 3 s.
+    pub(crate) fn press(&self, spec: &RigSpec) -> Plan {
+        let text = "name = \"forgetting\"\nchecks = \"none\"\n[press]\nforce_tolerance_n = 0.05\nhold_s = 3.0\nsample_s = 0.2\n[[step]]\n\
+             phase = \"calibration\"\nrandom = { count = 1, x_mm = [-1.0, 1.0], y_mm = [-1.0, 1.0] }\nforce_n = 1.0\n";
+        plan(spec, text, 1)
     }
 
     /// Gives a rig a stage with a fault, or without one.

@@ -3,53 +3,28 @@
 //! A motion is a displacement, so what a board forgets or somebody else sets changes no end point. Judged by the true values.
 //! `PALPATE_TESTS=full` restarts after each byte.
 
-use super::families::{ARM, ESP301, Family, GRBL, KLIPPER, KLIPPER_THAT_HOLDS, MARLIN, PROGRAM, When, XPS};
+use super::families::{
+    ARM, DECLARED_N_MM, ESP301, Family, GRBL, KLIPPER, KLIPPER_THAT_HOLDS, LEFT_N, LIMIT_N, MARLIN, PROGRAM, When, XPS,
+};
 use palpate_core::quantity::{Axis, stream};
-use palpate_data::recipe::Plan;
-use palpate_run::rig::RigSpec;
 use palpate_sim::emulator::{
     EspFaultKind, GrblFaultKind, GrblWelcome, KlipperFaultKind, MarlinAnnounced, MarlinFaultKind,
     ProcessStageFaultKind, UrFaultKind, XpsFaultKind,
 };
-use palpate_sim::scene::ContactLaw;
 use palpate_testing::campaign;
-use palpate_testing::executions::{Deaths, ExecutedRun, end_of, executed_with, in_parallel, must_be_none, plan};
+use palpate_testing::executions::{Deaths, ExecutedRun, end_of, executed_with, in_parallel, must_be_none};
 use rand::RngExt;
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 
-/// Limit of the specimen, its stiffness and what is declared of it.
-const LIMIT_N: f64 = 2.0;
-const STIFFNESS_N_MM: f64 = 1.8;
-const DECLARED_N_MM: f64 = 2.0;
-
 /// Largest true force of the stage's own motions, in limits.
 const MOST: f64 = 1.1;
-
-/// Least force that counts as left on the specimen, N.
-const LEFT_N: f64 = 0.05;
 
 /// Runs of a form: quick, and full where a press has more bytes than this. The boards of printers restart after each byte.
 const RUNS: (usize, usize) = (4, 500);
 const RUNS_OF_PRINTERS: (usize, usize) = (6, 3000);
 
 impl<K: Copy + Debug + Send + Sync> Family<K> {
-    fn over_specimen(&self) -> RigSpec {
-        let mut spec = self.spec();
-        (spec.limits.force_n, spec.limits.stiffness_n_mm) = (LIMIT_N, DECLARED_N_MM);
-        spec.scene.contact = ContactLaw { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
-        spec.scene.relaxation.clear();
-        spec.stage.z_holds_unpowered = self.z_holds;
-        spec
-    }
-
-    /// One press of 1 N that is held for 3 s.
-    fn press(&self, spec: &RigSpec) -> Plan {
-        let text = "name = \"forgetting\"\nchecks = \"none\"\n[press]\nforce_tolerance_n = 0.05\nhold_s = 3.0\nsample_s = 0.2\n[[step]]\n\
-             phase = \"calibration\"\nrandom = { count = 1, x_mm = [-1.0, 1.0], y_mm = [-1.0, 1.0] }\nforce_n = 1.0\n";
-        plan(spec, text, 1)
-    }
-
     fn run(&self, fault: Option<(When, K)>) -> ExecutedRun {
         let spec = self.over_specimen();
         executed_with(&spec, &self.press(&spec), Deaths::Ignored, &|rig| self.install(&spec, rig, fault))
@@ -125,11 +100,11 @@ fn a_marlin_with_a_second_host_presses_no_harder() {
     MARLIN.check(MarlinFaultKind::Other("G91\nG1 Z-0.5 F300"), 0.5 * DECLARED_N_MM);
 }
 
-/// What a second host moves down at 5 mm/s, and how far it goes, mm, beyond the force of the last resort: for 110 ms of readings and messages,
+/// What a second host moves down at 5 mm/s, and how far that goes, mm, beyond the force of the last resort: for 110 ms of readings and messages,
 /// and until it has braked.
+const JOG_UNTIL_STOPPED_MM: f64 = 0.7;
 const JOG: &str = "G91\nG1 Z-4 F300";
 const MOVEL: &str = "def job():\n movel(pose_add(get_actual_tcp_pose(), p[0,0,-0.004,0,0,0]), a=0.1, v=0.005)\nend\n";
-const JOG_UNTIL_STOPPED_MM: f64 = 0.7;
 
 #[test]
 fn the_last_resort_ends_a_long_jog_of_a_second_host() {
@@ -138,7 +113,7 @@ fn the_last_resort_ends_a_long_jog_of_a_second_host() {
     GRBL.check(GrblFaultKind::Other(JOG), most_n);
     ARM.check(UrFaultKind::Other(MOVEL), most_n);
     ESP301.check(EspFaultKind::Other("3VA5;3PR-4"), most_n);
-    // it needs a connection of its own, and can't free the tip without power
+    // it can't free the tip without power
     KLIPPER_THAT_HOLDS.check_within(KlipperFaultKind::Other(JOG), most_n, f64::INFINITY);
 }
 

@@ -178,9 +178,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         {
             return seen;
         }
-        cell.presses_on = false;
-        stage.abort().await?;
-        stop_and_see(stage, &usage.steps).await
+        self.abort().await?;
+        stop_and_see(&mut self.stage, &self.usage.steps).await
+    }
+
+    async fn abort(&mut self) -> Result<(), Halt> {
+        self.cell.presses_on = false;
+        Ok(self.stage.abort().await?)
     }
 
     /// Returns the largest force that was read; `None` if nothing was pressed.
@@ -226,10 +230,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let stopped = if may_press { unless_it_presses_on(cell, stopping).await } else { Some(stopping.await) };
         match stopped {
             Some(stopped) => stopped?,
-            None => {
-                self.cell.presses_on = false;
-                self.stage.abort().await?;
-            }
+            None => self.abort().await?,
         }
         self.retract_at_any_force(z_mm, may_press).await
     }
