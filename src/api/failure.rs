@@ -239,10 +239,14 @@ mod tests {
     fn a_cancelled_run_that_still_presses_is_no_cancelled_run() {
         let ended = |remaining| Failure::ended(Ending { remaining, ..Ending::halted(Halt::Cancelled) });
         assert_eq!(ended(Remaining::Nothing).kind(), FailureKind::Cancelled);
-        let largest = Some(LargestForce { force_n: 4.9, is_least: true });
+        let largest = Some(LargestForce { force_n: 4.9, is_least: true, by_depth_n: None });
         let over = Failure::ended(Ending { largest, ..Ending::halted(Halt::Cancelled) });
         let text = "the largest force was at least 4.90 N, the end of the load cell's range";
         assert_eq!(over.into_parts().0.as_deref(), Some(text));
+        let deep = largest.map(|largest| LargestForce { by_depth_n: Some(7.2), ..largest });
+        let over = Failure::ended(Ending { largest: deep, ..Ending::halted(Halt::Cancelled) });
+        let text = format!("{text}; by the depth at the stop and the declared stiffness up to 7.20 N");
+        assert_eq!(over.into_parts().0, Some(text));
         let pressed = ended(Remaining::Force(0.99));
         assert_eq!(pressed.kind(), FailureKind::Device);
         assert_eq!(pressed.into_parts().0.as_deref(), Some("0.99 N remain on the specimen"));

@@ -11,8 +11,8 @@ use palpate_core::quantity::{Axis, COVERAGE, Limits, Tilt, round};
 use palpate_data::acceptance::{Decision, LimitCheck, SensorVerdict};
 use palpate_data::dataset::{Truths, foreseen};
 use palpate_data::recipe::{Entry, Phase, Plan, Recipe};
-use palpate_run::rig::{RigSpec, TEMPERATURE};
-use palpate_run::run::{estimated_s, expected_checks, first_descent};
+use palpate_run::rig::{LastResort, RigSpec, TEMPERATURE};
+use palpate_run::run::{LAST_RESORT_SHARE, estimated_s, expected_checks, first_descent};
 use palpate_solver::SEVERAL_DEPTHS;
 use serde_json::{Value, json};
 use std::collections::HashSet;
@@ -310,6 +310,7 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
         duration(descent_s)
     );
     let _ = writeln!(text, "{}", permitted(rig));
+    text.push_str(&last_resort(rig));
     text.push_str(&finished(rig));
     let links = if rig.is_simulated() { "simulated, in virtual time" } else { "real, in real time" };
     let _ = writeln!(text, "  links: {links}");
@@ -435,6 +436,27 @@ fn permitted(rig: &RigSpec) -> String {
         1000.0 * EXCHANGES_S[1],
         1000.0 * EXCHANGES_S[0],
     )
+}
+
+/// Describes what ends a motion of somebody else, as another host of the stage can begin one, and the force that it reaches.
+fn last_resort(rig: &RigSpec) -> String {
+    if !rig.has_load_cell() {
+        return String::new();
+    }
+    let (stage, limits) = (&rig.stage, &rig.limits);
+    let beyond_n = LAST_RESORT_SHARE * limits.force_n;
+    let another = "  a motion that goes on after a stop, as another host can command it:\n";
+    let text = match stage.driver.last_resort() {
+        LastResort::CutsPower(what) if !stage.z_holds_unpowered => {
+            return format!("{another}  {what} would end it, and isn't sent without `z_holds_unpowered = true`\n");
+        }
+        LastResort::KeepsPower(what) | LastResort::CutsPower(what) => what,
+    };
+    // two readings, and the slow rig's exchanges
+    let reaction_s = 2.0 / rig.load_cell.conversions_hz + EXCHANGES_S[1] + rig.load_cell.lag_s;
+    let (v, a) = (stage.speed_mm_s, stage.acceleration_mm_s2);
+    let most_n = beyond_n + limits.stiffness_n_mm * (v * reaction_s + v * v / (2.0 * a));
+    format!("{another}  from {} N on {text} ends it, at some {most_n:.1} N if it has {v} mm/s\n", round(beyond_n, 3))
 }
 
 /// Describes how the longest drag of the plan can end; nothing without a drag.

@@ -266,6 +266,7 @@ fn the_rig_of_an_arm_is_checked_before_it_moves() {
         ("[0.0, 3.1416, 0.0]", "[0.0, 2.0, 0.0]", "`tool_rad` points the tool 65 degrees off `frame.down`"),
         ("[0.0, 3.1416, 0.0]", "[0.0, 3.1416]", "`tool_rad` is a list of three numbers"),
         ("[stage]\n", "[stage]\nhome = \"by hand\"\n", "remove `home`"),
+        ("[stage]\n", "[stage]\nz_holds_unpowered = true\n", "remove `z_holds_unpowered`"),
     ];
     for (from, to, expected) in cases {
         let bench = TestFolder::with([("rig.toml", exchanged(&rig, from, to).as_str())]);

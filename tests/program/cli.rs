@@ -1,6 +1,6 @@
 //! The command line for a user and for another program: help, acknowledgements, tables, complete runs.
 
-use palpate_testing::{SMALL, SMALL_PRESSES, SMALL_ROWS, TestFolder, shipped};
+use palpate_testing::{SMALL, SMALL_PRESSES, SMALL_ROWS, TestFolder, shipped, shipped_text};
 use serde_json::{Value, json};
 
 #[test]
@@ -43,6 +43,24 @@ fn check_prints_the_plan_and_leaves_nothing_behind() {
     );
     assert!(output.out.lines().all(|line| line.chars().count() <= 80), "{}", output.out);
     assert!(!bench.has("runs"));
+}
+
+#[test]
+fn check_states_what_ends_a_motion_of_another_host() {
+    for (rig, expected) in [
+        ("sim", "AB would end it, and isn't sent without `z_holds_unpowered = true`"),
+        ("klipper", "emergency_stop would end it, and isn't sent without `z_holds_unpowered = true`"),
+        ("marlin", "from 2.2 N on M410 ends it, at some 5.2 N if it has 10 mm/s"),
+        ("matrix", "from 2.2 N on a feed hold and a reset ends it, at some 4.9 N if it has 10 mm/s"),
+        ("ur", "from 2.2 N on the dashboard's stop ends it, at some 4.7 N if it has 10 mm/s"),
+        ("process", "from 2.2 N on its stop ends it"),
+    ] {
+        let bench =
+            TestFolder::with([("r.toml", SMALL), ("rig.toml", shipped_text(&format!("rigs/{rig}.toml")).as_str())]);
+        let output = bench.palpate_ends(0, "check r.toml --rig rig.toml").out;
+        assert!(output.contains(expected), "{rig}: {output}");
+        assert!(output.lines().all(|line| line.chars().count() <= 80), "{output}");
+    }
 }
 
 #[test]

@@ -3,7 +3,9 @@
 
 use super::{MissingLoadCell, daqmx, esp301, grbl, klipper, lines, marlin, modbus, process, ur, xps};
 use palpate_core::quantity::{Axis, ForceReading};
-use palpate_link::device::{AxisWay, DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage, StageUse};
+use palpate_link::device::{
+    AxisWay, DeviceError, DeviceProblem, Identity, LoadCell, MotionOrders, RestPlace, SensorArray, Stage, StageUse,
+};
 use std::time::Duration;
 
 macro_rules! stages {
@@ -41,8 +43,20 @@ macro_rules! stages {
                 match self { $(Self::$name(it) => it.forget_timing(),)+ }
             }
 
-            async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
-                match self { $(Self::$name(it) => it.begin(ways, speed_mm_s, orders).await,)+ }
+            fn usage(&self) -> Option<&StageUse> {
+                match self { $(Self::$name(it) => it.usage(),)+ }
+            }
+
+            fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+                match self { $(Self::$name(it) => it.error(doing, problem),)+ }
+            }
+
+            async fn rest(&mut self, is_leaving: bool, orders: &MotionOrders) -> Result<Option<RestPlace>, DeviceError> {
+                match self { $(Self::$name(it) => it.rest(is_leaving, orders).await,)+ }
+            }
+
+            async fn send(&mut self, ways: &[AxisWay], speed_mm_s: f64, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.send(ways, speed_mm_s, usage, orders).await,)+ }
             }
 
             async fn follow(&mut self, axes: &[Axis], expected: Duration, orders: &MotionOrders) -> Result<Vec<f64>, DeviceError> {

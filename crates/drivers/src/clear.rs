@@ -24,7 +24,7 @@ pub(crate) async fn clear_z(
     let is_there = (at_mm - end_mm).abs() <= AWAY_MM;
     // a motion of 0 too, so that a controller that refuses it is noticed
     let way = AxisWay::between(Axis::Z, at_mm, if is_there { at_mm } else { end_mm });
-    stage.begin(&[way], usage.home_speed_mm_s, orders).await?;
+    stage.send(&[way], usage.home_speed_mm_s, usage, orders).await?; // it may not be prepared yet
     stage.follow(&[Axis::Z], seconds(way.by_mm.abs() / usage.home_speed_mm_s), orders).await?;
     let at_mm = stage.position_mm(Axis::Z, &MotionOrders::default()).await?;
     // written as the positive condition, so NaN fails

@@ -6,7 +6,9 @@
 use super::MOTION_MARGIN;
 use super::clear::{CLEARING_Z, clear_z};
 use palpate_core::quantity::{Axis, Range, round, seconds};
-use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
+use palpate_link::device::{
+    AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, RestPlace, STARTING, Stage, StageUse,
+};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::{Connector, LineExchange, Urgent, WireError};
 use std::time::Duration;
@@ -54,8 +56,10 @@ const FIRMWARE_SOUND: [u32; 3] = [1, 1, 1];
 pub struct Esp301 {
     line: LineExchange,
     link: String,
-    /// Use of the stage, which limits the travel of the axes; `None` before the stage is prepared.
+    /// Use of the stage; `None` before z is prepared.
     usage: Option<StageUse>,
+    /// Whether all axes are homed, so that their counts are within the travel.
+    all_homed: bool,
     /// Fastest answer of the press so far. A question sent this time before the end of a motion finds the motion ended.
     quickest: Duration,
     /// Unreported errors from the error queue, oldest first.
@@ -78,6 +82,7 @@ impl Esp301 {
             line,
             link,
             usage: None,
+            all_homed: false,
             quickest: ANSWER_DEADLINE,
             complaints: Vec::new(),
             stopped: false,
@@ -110,7 +115,7 @@ impl Esp301 {
         let questions = |name: &'static str| axes.iter().map(move |&axis| format!("{}{name}", number(axis)));
         let travels = axes.iter().map(|&axis| self.reach(axis)).collect::<Vec<_>>();
         // also where each was sent (manual, page DP): the controller rounds each displacement to counts, and the sum isn't known
-        let (commanded, count) = if self.usage.is_some() { (axes.len(), 3) } else { (0, 2) };
+        let (commanded, count) = if self.all_homed { (axes.len(), 3) } else { (0, 2) };
         let question = questions("MD?").chain(questions("TP")).chain(questions("DP?").take(commanded));
         let question = question.collect::<Vec<_>>().join(";") + ";TB?";
         let read = |answers: &[String]| {
@@ -184,7 +189,7 @@ impl Esp301 {
 
     /// Range of possible positions of an axis.
     fn reach(&self, axis: Axis) -> Option<Range> {
-        self.usage.as_ref().map(|usage| usage.reach(axis))
+        self.usage.as_ref().filter(|_| self.all_homed).map(|usage| usage.reach(axis))
     }
 
     async fn check_axis(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
@@ -267,10 +272,6 @@ impl Esp301 {
     fn failed(&self, doing: &str, error: &WireError) -> DeviceError {
         self.error(doing, DeviceProblem::Link(error.to_string()))
     }
-
-    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
-        DeviceError { device: format!("stage (ESP301 at {})", self.link), doing: doing.to_owned(), problem }
-    }
 }
 
 impl Stage for Esp301 {
@@ -281,7 +282,7 @@ impl Stage for Esp301 {
             let expected = "an ESP300 or ESP301 version".to_owned();
             return Err(self.error(doing, DeviceProblem::Misfit { answer: version, expected }));
         }
-        self.usage = None; // before homing its count has no meaning
+        (self.usage, self.all_homed) = (None, false); // before homing its count has no meaning
         // an earlier program may have left a motion, and a position is valid only at rest
         self.stop().await?;
         self.follow(&Axis::ALL, Duration::ZERO, &MotionOrders::default()).await?;
@@ -314,6 +315,7 @@ impl Stage for Esp301 {
 
     /// Homes z toward the limit away from the specimen (mode 3: + limit, 4: - limit; manual, page OR).
     async fn home_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
+        self.usage = Some(usage.clone());
         self.set_acceleration(usage).await?;
         if self.is_homed(Axis::Z, usage).await? {
             return Ok(true);
@@ -349,16 +351,35 @@ impl Stage for Esp301 {
             self.set_soft_limits(axis, usage).await?;
         }
         self.no_complaints("preparing it").await?;
-        self.usage = Some(usage.clone());
+        self.all_homed = true;
         Ok(())
     }
 
-    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
+    fn usage(&self) -> Option<&StageUse> {
+        self.usage.as_ref()
+    }
+
+    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+        DeviceError { device: format!("stage (ESP301 at {})", self.link), doing: doing.to_owned(), problem }
+    }
+
+    /// Nothing comes in unasked.
+    async fn rest(&mut self, _: bool, _: &MotionOrders) -> Result<Option<RestPlace>, DeviceError> {
+        Ok(None)
+    }
+
+    async fn send(
+        &mut self,
+        ways: &[AxisWay],
+        speed_mm_s: f64,
+        usage: &StageUse,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         // relative to where the axis was sent (manual, page PR), which is near where it was read back
         let by_mm = |way: &AxisWay| {
             let sent_mm = self.sent_mm[way.axis.index()].filter(|sent_mm| (sent_mm - way.from_mm).abs() <= SENT_MM);
             let rounding_mm = if self.sums[way.axis.index()] { 0.0 } else { COUNT_MM };
-            match (&self.usage, sent_mm) {
+            match (Some(usage).filter(|_| self.all_homed), sent_mm) {
                 // before homing: in the controller's decimals a way and its way back end where they began, which may be a limit
                 (None, _) => round(way.by_mm, DECIMALS as i32),
                 (Some(_), None) => way.by_mm,
@@ -374,14 +395,11 @@ impl Stage for Esp301 {
         // complaints about the motion before; on the way to park they don't stop it
         if !std::mem::take(&mut self.stopped) && !self.complaints.is_empty() {
             let text = std::mem::take(&mut self.complaints).join("; ");
-            return Err(self.error("starting a motion", DeviceProblem::Refused(text)));
+            return Err(self.error(STARTING, DeviceProblem::Refused(text)));
         }
         self.complaints.clear();
-        if orders.stopped() {
-            return Ok(());
-        }
         // set commands have no answer: the answer to the question after them shows that they were accepted, and when
-        let (doing, question) = ("starting a motion", format!("{}MD?", number(last)));
+        let (doing, question) = (STARTING, format!("{}MD?", number(last)));
         let line = ways.iter().zip(&by_mm).map(command).collect::<Vec<_>>().join(";") + ";" + &question;
         let axes: Vec<Axis> = ways.iter().map(|way| way.axis).collect();
         let urgent = || orders.take().map(|order| line_of(order, &axes));

@@ -13,6 +13,7 @@ pub mod marlin;
 pub mod modbus;
 mod mounting;
 mod no_load_cell;
+mod printer;
 pub mod process;
 #[cfg(test)]
 pub(crate) mod script;

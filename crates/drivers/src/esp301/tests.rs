@@ -116,7 +116,7 @@ async fn a_move_is_one_line_and_its_end_is_asked_for() {
         (b"1MD?;2MD?;1TP;2TP;TB?\r", b"1\r\n1\r\n-1.5000\r\n0.2500\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"3TP\r", b"-10.2370\r\n"),
     ]);
-    stage.begin(&ways(&[(Axis::X, -1.5), (Axis::Y, 0.25)]), 10.0, &MotionOrders::default()).await.unwrap();
+    stage.send(&ways(&[(Axis::X, -1.5), (Axis::Y, 0.25)]), 10.0, &usage(), &MotionOrders::default()).await.unwrap();
     let arrived = stage.follow(&[Axis::X, Axis::Y], Duration::from_millis(50), &MotionOrders::default()).await.unwrap();
     assert_eq!(arrived, [-1.5, 0.25]);
     assert_eq!(stage.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap(), -10.237);
@@ -189,7 +189,7 @@ async fn position_without_decimals_or_beyond_the_travel_is_refused() {
         (b"VE?\r", b"ESP301 Version 1.1.1 16/01/14\r\n"),
         (b"3TP\r", b"92.5000\r\n"),
     ]);
-    stage.usage = Some(usage());
+    (stage.usage, stage.all_homed) = (Some(usage()), true);
     assert_eq!(stage.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap(), -2.5);
     assert!(
         stage
@@ -231,11 +231,11 @@ async fn queued_controller_error_is_reported_before_the_next_motion() {
     ]);
     let (orders, back) = (MotionOrders::default(), AxisWay::between(Axis::X, 12.5, 0.0));
     stage.follow(&[Axis::X], Duration::ZERO, &orders).await.unwrap();
-    let refused = stage.begin(&[back], 1.0, &MotionOrders::default()).await.unwrap_err().to_string();
+    let refused = stage.send(&[back], 1.0, &usage(), &MotionOrders::default()).await.unwrap_err().to_string();
     assert!(refused.contains(&limit.replacen("106, 7", "error 106", 1)), "{refused}");
     stage.follow(&[Axis::X], Duration::ZERO, &orders).await.unwrap();
     stage.stop().await.unwrap();
-    stage.begin(&[back], 1.0, &MotionOrders::default()).await.unwrap(); // to park
+    stage.send(&[back], 1.0, &usage(), &MotionOrders::default()).await.unwrap(); // to park
     drop(stage);
     device.await.unwrap();
 }
@@ -256,7 +256,8 @@ async fn stop_that_overtakes_its_motion_is_sent_again() {
         orders.stop();
     };
     let targets = ways(&[(Axis::Z, 1.0)]);
-    let (begun, ()) = tokio::join!(stage.begin(&targets, 1.0, &orders), ask_for_it);
+    let usage = usage();
+    let (begun, ()) = tokio::join!(stage.send(&targets, 1.0, &usage, &orders), ask_for_it);
     begun.unwrap();
     drop(stage);
     device.await.unwrap();

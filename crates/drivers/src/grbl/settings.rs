@@ -99,40 +99,57 @@ impl ReportedSettings {
     /// Compares them with the rig.
     ///
     /// # Errors
-    /// The first setting that is unsafe or contradicts the rig, and the line to send.
-    pub fn check(&self, build: &Build, usage: &StageUse) -> Result<Checked, String> {
-        self.check_basics()?;
-        let mut warnings = Vec::new();
-        let home_mm = if usage.by_hand {
-            self.check_by_hand()?;
+    /// Each setting that is unsafe or contradicts the rig, with the line to send, in an order in which the controller takes these lines.
+    pub fn check(&self, build: &Build, usage: &StageUse) -> Result<Checked, Vec<String>> {
+        let mut checks = vec![self.check_unit(), self.check_idle_delay()];
+        let (mut warnings, mut home_mm) = (Vec::new(), None);
+        if usage.by_hand {
+            checks.push(self.check_by_hand());
             warnings.push(
                 "it has no switches: its position is the one that a person confirmed, and only this program's limits \
                  stop it"
                     .to_owned(),
             );
-            Some([0.0; 3])
+            home_mm = Some([0.0; 3]);
         } else {
-            warnings.extend(self.check_homing(usage)?);
-            self.check_travel(build, usage)?
-        };
-        for axis in Axis::ALL {
-            warnings.extend(self.check_motion(axis, usage)?);
+            // a controller without a search for home refuses soft limits (GRBL, error 10)
+            checks.extend([self.check_homing(), self.check_soft_limits(), self.check_direction(usage)]);
+            warnings.extend(self.fast_search(usage));
+            // FluidNC's configuration states what it counts at home (mpos_mm), and `$$` doesn't
+            if build.firmware != GrblFirmware::FluidNc {
+                checks.extend(Axis::ALL.map(|axis| self.check_travel(build, axis, usage)));
+                let counts_mm = Axis::ALL.map(|axis| self.counts(build, axis).ok().map(|counts| counts.home_mm));
+                home_mm = counts_mm.iter().copied().collect::<Option<Vec<f64>>>().and_then(|mm| mm.try_into().ok());
+            }
         }
-        Ok(Checked { warnings, home_mm })
+        for axis in Axis::ALL {
+            checks.extend([self.check_rate(axis, usage), self.check_acceleration(axis, usage)]);
+            match self.coarse_step(axis) {
+                Ok(warning) => warnings.extend(warning),
+                Err(text) => checks.push(Err(text)),
+            }
+        }
+        let mut texts: Vec<String> = checks.into_iter().filter_map(Result::err).collect();
+        texts.dedup(); // one setting decides about all axes
+        if texts.is_empty() { Ok(Checked { warnings, home_mm }) } else { Err(texts) }
     }
 
-    fn check_basics(&self) -> Result<(), String> {
-        if self.required(REPORT_INCHES, "unit of its reports")? != 0.0 {
-            return Err(format!("it reports inches; send ${REPORT_INCHES}=0"));
+    fn check_unit(&self) -> Result<(), String> {
+        match self.required(REPORT_INCHES, "unit of its reports")? {
+            0.0 => Ok(()),
+            _ => Err(format!("it reports inches; send ${REPORT_INCHES}=0")),
         }
+    }
+
+    fn check_idle_delay(&self) -> Result<(), String> {
         let idle_ms = self.required(IDLE_DELAY_MS, "idle delay of its motors")?;
-        if idle_ms < ALWAYS_ON {
-            return Err(format!(
-                "its motors are off {idle_ms:.0} ms after each motion, and the axes can slip; send ${IDLE_DELAY_MS}=255 \
-                 (FluidNC: {FLUIDNC_IDLE}=255)"
-            ));
+        if idle_ms >= ALWAYS_ON {
+            return Ok(());
         }
-        Ok(())
+        Err(format!(
+            "its motors are off {idle_ms:.0} ms after each motion, and the axes can slip; send ${IDLE_DELAY_MS}=255 \
+             (FluidNC: {FLUIDNC_IDLE}=255)"
+        ))
     }
 
     fn check_by_hand(&self) -> Result<(), String> {
@@ -142,51 +159,51 @@ impl ReportedSettings {
         }
     }
 
-    /// Checks that it homes, z away from the specimen, and that its soft limits are on.
-    fn check_homing(&self, usage: &StageUse) -> Result<Option<String>, String> {
+    fn check_homing(&self) -> Result<(), String> {
         // grblHAL: bit 0 of several
-        if self.required(HOMING, "homing cycle")? as u64 & 1 == 0 {
-            return Err(format!(
-                "homing is disabled, so its position is unknown; send ${HOMING}=1, or write `home = \"by hand\"` in \
-                 [stage] if it has no switches"
-            ));
+        if self.required(HOMING, "homing cycle")? as u64 & 1 == 1 {
+            return Ok(());
         }
-        if self.required(SOFT_LIMITS, "soft limits")? == 0.0 {
-            return Err(format!("its soft limits are off; send ${SOFT_LIMITS}=1"));
-        }
-        let mask = self.required(HOMING_DIRECTION, "homing direction")?;
-        if is_set(mask, Axis::Z) != (usage.away < 0.0) {
-            let right = mask as u64 ^ (1 << Axis::Z.index());
-            return Err(format!(
-                "its z homes toward the specimen (${HOMING_DIRECTION}={mask:.0}); send ${HOMING_DIRECTION}={right} if its \
-                 switch is at the other end, or correct `frame.down`"
-            ));
-        }
-        let seek_mm_s = self.of(HOMING_SEEK_MM_MIN).map(|rate| rate / 60.0).filter(|&v| v > usage.home_speed_mm_s);
-        Ok(seek_mm_s.map(|seek_mm_s| {
-            format!(
-                "it homes at {seek_mm_s:.2} mm/s. Up to {:.2} mm/s it stops within the force limit: \
-                 ${HOMING_SEEK_MM_MIN}={:.0}",
-                usage.home_speed_mm_s,
-                usage.home_speed_mm_s * 60.0
-            )
-        }))
+        Err(format!(
+            "homing is disabled, so its position is unknown; send ${HOMING}=1, or write `home = \"by hand\"` in \
+             [stage] if it has no switches"
+        ))
     }
 
-    /// Checks that the rig's travel is within what the axes count between home and their far ends. Returns the counts at home.
-    fn check_travel(&self, build: &Build, usage: &StageUse) -> Result<Option<[f64; 3]>, String> {
-        if build.firmware == GrblFirmware::FluidNc {
-            return Ok(None); // its configuration states what it counts at home (mpos_mm), and `$$` doesn't
+    fn check_soft_limits(&self) -> Result<(), String> {
+        match self.required(SOFT_LIMITS, "soft limits")? {
+            0.0 => Err(format!("its soft limits are off; send ${SOFT_LIMITS}=1")),
+            _ => Ok(()),
         }
-        let mut home_mm = [0.0; 3];
-        for axis in Axis::ALL {
-            let counts = self.counts(build, axis)?;
-            if let Some(text) = counts.misfit(usage) {
-                return Err(text);
-            }
-            home_mm[axis.index()] = counts.home_mm;
+    }
+
+    /// Checks that z homes away from the specimen.
+    fn check_direction(&self, usage: &StageUse) -> Result<(), String> {
+        let mask = self.required(HOMING_DIRECTION, "homing direction")?;
+        if is_set(mask, Axis::Z) == (usage.away < 0.0) {
+            return Ok(());
         }
-        Ok(Some(home_mm))
+        let right = mask as u64 ^ (1 << Axis::Z.index());
+        Err(format!(
+            "its z homes toward the specimen (${HOMING_DIRECTION}={mask:.0}); send ${HOMING_DIRECTION}={right} if its \
+             switch is at the other end, or correct `frame.down`"
+        ))
+    }
+
+    /// Returns what a person should know of a search for home that is faster than the rig's.
+    fn fast_search(&self, usage: &StageUse) -> Option<String> {
+        let seek_mm_s = self.of(HOMING_SEEK_MM_MIN).map(|rate| rate / 60.0).filter(|&v| v > usage.home_speed_mm_s)?;
+        Some(format!(
+            "it homes at {seek_mm_s:.2} mm/s. Up to {:.2} mm/s it stops within the force limit: \
+             ${HOMING_SEEK_MM_MIN}={:.0}",
+            usage.home_speed_mm_s,
+            usage.home_speed_mm_s * 60.0
+        ))
+    }
+
+    /// Checks that the rig's travel is within what an axis counts between home and its far end.
+    fn check_travel(&self, build: &Build, axis: Axis, usage: &StageUse) -> Result<(), String> {
+        self.counts(build, axis)?.misfit(usage).map_or(Ok(()), Err)
     }
 
     /// Returns what an axis that homes to its switch counts.
@@ -209,23 +226,31 @@ impl ReportedSettings {
         Ok(AxisCounts { axis, range, home_mm, length_mm, off_mm })
     }
 
-    fn check_motion(&self, axis: Axis, usage: &StageUse) -> Result<Option<String>, String> {
-        let (n, name) = (axis.index() as u32, axis.name());
-        let rate_mm_s = self.required(MAX_RATE_MM_MIN + n, "largest rate")? / 60.0;
-        if rate_mm_s < usage.speed_mm_s {
-            let (key, least) = (MAX_RATE_MM_MIN + n, usage.speed_mm_s * 60.0);
-            return Err(format!(
-                "{name} reaches at most {rate_mm_s:.2} mm/s; send ${key}={least:.0}, or lower the rig's"
-            ));
+    fn check_rate(&self, axis: Axis, usage: &StageUse) -> Result<(), String> {
+        let (key, name) = (MAX_RATE_MM_MIN + axis.index() as u32, axis.name());
+        let rate_mm_s = self.required(key, "largest rate")? / 60.0;
+        if rate_mm_s >= usage.speed_mm_s {
+            return Ok(());
         }
-        // if it brakes more slowly than the rig states, a stop comes too late
-        let a_mm_s2 = self.required(ACCELERATION_MM_S2 + n, "acceleration")?;
-        if a_mm_s2 < usage.acceleration_mm_s2 {
-            let (key, wanted) = (ACCELERATION_MM_S2 + n, usage.acceleration_mm_s2);
-            return Err(format!("{name} accelerates with {a_mm_s2} mm/s^2; send ${key}={wanted}, or lower the rig's"));
+        let least = usage.speed_mm_s * 60.0;
+        Err(format!("{name} reaches at most {rate_mm_s:.2} mm/s; send ${key}={least:.0}, or lower the rig's"))
+    }
+
+    /// Checks that it brakes as hard as the rig states: otherwise a stop comes too late.
+    fn check_acceleration(&self, axis: Axis, usage: &StageUse) -> Result<(), String> {
+        let (key, name, wanted) = (ACCELERATION_MM_S2 + axis.index() as u32, axis.name(), usage.acceleration_mm_s2);
+        let a_mm_s2 = self.required(key, "acceleration")?;
+        if a_mm_s2 >= wanted {
+            return Ok(());
         }
-        let step_mm = 1.0 / self.required(STEPS_PER_MM + n, "resolution")?;
+        Err(format!("{name} accelerates with {a_mm_s2} mm/s^2; send ${key}={wanted}, or lower the rig's"))
+    }
+
+    /// Returns what a person should know of an axis with coarse steps.
+    fn coarse_step(&self, axis: Axis) -> Result<Option<String>, String> {
+        let step_mm = 1.0 / self.required(STEPS_PER_MM + axis.index() as u32, "resolution")?;
         let is_coarse = step_mm > STEP_MOST_MM;
+        let name = axis.name();
         Ok(is_coarse.then(|| format!("{name} moves in steps of {step_mm:.4} mm: too coarse for force control")))
     }
 

@@ -5,8 +5,11 @@ use super::port::{ANSWER_DEADLINE, FEED_HOLD, GrblPort, JOG_CANCEL, SOFT_RESET};
 use super::report::{GrblState, GrblStatus};
 use super::settings::{FLUIDNC_IDLE, FLUIDNC_INCHES, ROUNDING_MM, ReportedSettings};
 use crate::MOTION_MARGIN;
+use crate::printer::feed_mm_min;
 use palpate_core::quantity::{Axis, round, seconds};
-use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
+use palpate_link::device::{
+    AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, RestPlace, STARTING, Stage, StageUse,
+};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::Connector;
 use std::time::Duration;
@@ -117,7 +120,7 @@ impl Grbl {
         let settings =
             ReportedSettings::new(std::mem::take(&mut self.port.settings), &std::mem::take(&mut self.port.texts));
         let checked = settings.check(build, usage);
-        let checked = checked.map_err(|text| self.port.error(doing, DeviceProblem::Mismatch(text)))?;
+        let checked = checked.map_err(|texts| self.port.error(doing, DeviceProblem::Settings(texts)))?;
         self.home_mm = checked.home_mm;
         Ok(checked.warnings)
     }
@@ -221,15 +224,6 @@ impl Grbl {
     }
 }
 
-/// Feed along the path at which the fastest axis moves at `speed_mm_s`, mm/min.
-fn feed_mm_min(ways: &[AxisWay], speed_mm_s: f64) -> f64 {
-    let (whole, longest) = ways
-        .iter()
-        .fold((0.0f64, 0.0f64), |(whole, longest), way| (whole.hypot(way.by_mm), longest.max(way.by_mm.abs())));
-    let stretch = if longest > 0.0 { whole / longest } else { 1.0 };
-    speed_mm_s * stretch * 60.0
-}
-
 impl Stage for Grbl {
     async fn identify(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
         self.usage = None; // before homing its count has no meaning
@@ -273,20 +267,30 @@ impl Stage for Grbl {
         Ok(())
     }
 
-    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
-        let doing = "starting a motion";
-        // GRBL's soft limits end where the frame does, not where the specimen does
-        let Some(usage) = &self.usage else {
-            return Err(self.port.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
-        };
-        usage.check(ways).map_err(|problem| self.port.error(doing, problem))?;
-        let is_leaving = usage.is_leaving(ways);
-        // what came in at rest is read before a motion
-        if self.port.has_restarted(doing, orders).await? || (self.is_lost && !is_leaving) {
-            return Err(self.lost(doing));
+    fn usage(&self) -> Option<&StageUse> {
+        self.usage.as_ref()
+    }
+
+    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+        self.port.error(doing, problem)
+    }
+
+    /// A place would cost an exchange.
+    async fn rest(&mut self, is_leaving: bool, orders: &MotionOrders) -> Result<Option<RestPlace>, DeviceError> {
+        match self.port.has_restarted(STARTING, orders).await? || (self.is_lost && !is_leaving) {
+            true => Err(self.lost(STARTING)),
+            false => Ok(None),
         }
-        let Some(usage) = &self.usage else { return Ok(()) };
-        let mut by_mm = [0.0; 3];
+    }
+
+    async fn send(
+        &mut self,
+        ways: &[AxisWay],
+        speed_mm_s: f64,
+        usage: &StageUse,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
+        let (doing, is_leaving, mut by_mm) = (STARTING, usage.is_leaving(ways), [0.0; 3]);
         for way in ways {
             let nth = way.axis.index();
             // where the last jog went is known better than where it was read back
@@ -299,7 +303,7 @@ impl Stage for Grbl {
         let words = ways.iter().map(words).collect::<Vec<_>>().join(" ");
         self.ways = ways.to_vec();
         // relative and in mm in this line alone (jogging document)
-        let line = format!("$J=G91 G21 {words} F{:.3}", feed_mm_min(ways, speed_mm_s));
+        let line = format!("$J=G91 G21 {words} F{:.3}", feed_mm_min(ways.iter().map(|way| way.by_mm), speed_mm_s));
         self.port.bring_back_in_step(doing, Some((orders, JOG_CANCEL))).await?; // before the question below: it takes its time
         if orders.stopped() {
             return Ok(());

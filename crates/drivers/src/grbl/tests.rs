@@ -134,6 +134,19 @@ async fn settings_that_would_be_unsafe_are_refused() {
     }
 }
 
+/// GRBL refuses soft limits (`$20`) where it has no search for home (`$22`).
+#[test]
+fn all_settings_are_named_at_once_in_the_order_in_which_it_takes_them() {
+    let numbers = String::from_utf8_lossy(SETTINGS).replace("$1=255", "$1=25").replace("$20=1", "$20=0");
+    let numbers = numbers.replace("$22=1", "$22=0").replace("$121=100", "$121=10");
+    let pairs = numbers.lines().filter_map(|line| line.trim().strip_prefix('$')?.split_once('='));
+    let values = pairs.map(|(n, value)| (n.parse().unwrap(), value.parse().unwrap())).collect();
+    let texts = ReportedSettings::new(values, &[]).check(&stock(), &usage_of(-25.0, -1.0)).unwrap_err();
+    let lines: Vec<&str> = texts.iter().filter_map(|text| text.split("send ").nth(1)).collect();
+    let sent: Vec<&str> = lines.iter().filter_map(|line| line.split([',', ' ']).next()).collect();
+    assert_eq!(sent, ["$1=255", "$22=1", "$20=1", "$121=100"], "{texts:?}");
+}
+
 #[tokio::test(start_paused = true)]
 async fn axis_coordinate_depends_on_switch_and_build() {
     let settings = |mask| {

@@ -2,21 +2,15 @@
 
 use super::moonraker::Moonraker;
 use crate::MOTION_MARGIN;
+use crate::printer::{check_by_hand, check_step, feed_mm_min, off_zero, pieces_of};
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrders, Stage, StageUse};
+use palpate_link::device::{
+    AxisWay, DeviceError, DeviceProblem, Identity, MotionOrders, RestPlace, STARTING, Stage, StageUse,
+};
 use palpate_link::time::sleep;
 use palpate_link::wire::Connector;
 use serde_json::{Value, json};
 use std::time::Duration;
-
-/// Longest piece of a nudge, mm. It can't be stopped.
-const NUDGE_PIECE_MM: f64 = 0.05;
-
-/// Largest position of an axis at its zero, mm, where a person brought it.
-const ZERO_MOST_MM: f64 = 0.5;
-
-/// Largest difference between a step that the rig states and that of the printer, as a fraction.
-const STEP_DIFFERENCE: f64 = 1e-3;
 
 /// How often a position that isn't the end yet is asked for again, and how long after. Klipper refreshes its report of a motion only every
 /// 0.25 s (`motion_report`).
@@ -39,6 +33,8 @@ pub struct Klipper {
     zero_mm: [f64; 3],
     /// Where the axes were sent, mm; `None` after a motion that was refused or in doubt.
     pub(super) at_mm: Option<[f64; 3]>,
+    /// Where it said that the axes were sent, when it was asked last before a motion, mm.
+    ends_mm: [f64; 3],
     /// How long the last motion takes.
     takes: Duration,
     /// What each motion sets first, so that nothing that somebody else set changes it.
@@ -84,6 +80,7 @@ impl Klipper {
             steppers: String::new(),
             zero_mm: [0.0; 3],
             at_mm: None,
+            ends_mm: [f64::NAN; 3],
             takes: Duration::ZERO,
             setup: String::new(),
             first_mm: None,
@@ -109,7 +106,7 @@ impl Klipper {
         let doing = "checking its settings against the rig";
         let asked = json!({ "objects": { "configfile": ["settings"] } });
         let answer = self.moonraker.ask(doing, "printer.objects.query", asked).await?;
-        let settings = &answer["status"]["configfile"]["settings"];
+        let (settings, mut differences) = (&answer["status"]["configfile"]["settings"], Vec::new());
         for axis in Axis::ALL {
             let (name, stepper) = (axis.name(), &settings[format!("stepper_{}", axis.name())]);
             let number = |key: &str| stepper[key].as_f64().filter(|number| *number > 0.0);
@@ -126,18 +123,12 @@ impl Klipper {
                 return Err(self.mismatch(doing, text));
             };
             let step_mm = turn_mm / (full * microsteps * gears);
-            let stated_mm = usage.steps.along(axis);
-            if stated_mm > 0.0 && (stated_mm / step_mm - 1.0).abs() > STEP_DIFFERENCE
-                || stated_mm == 0.0 && step_mm / 2.0 > usage.steps.in_position_mm(axis)
-            {
-                let text = format!(
-                    "a step of {name} is {step_mm:.6} mm by [stepper_{name}], the rig states {stated_mm} mm; write `step_mm.{name} = \
-                     {step_mm:.6}` in [stage] if the printer is set correctly"
-                );
-                return Err(self.mismatch(doing, text));
-            }
+            differences.extend(check_step(axis, step_mm, &format!("[stepper_{name}]"), usage).err());
             self.step_mm[axis.index()] = step_mm;
-            self.zero_mm[axis.index()] = self.zero_of(doing, axis, stepper, usage)?;
+            match self.zero_of(axis, stepper, usage) {
+                Ok(zero_mm) => self.zero_mm[axis.index()] = zero_mm,
+                Err(text) => differences.push(text),
+            }
         }
         let steppers =
             settings.as_object().into_iter().flat_map(|all| all.keys()).filter(|key| key.starts_with("stepper_"));
@@ -149,25 +140,26 @@ impl Klipper {
             if printer[key].as_f64().is_some_and(|most| most < wanted) {
                 let (most, rig) =
                     (&printer[key], if key.ends_with("accel") { "acceleration_mm_s2" } else { "speed_mm_s" });
-                let text = format!("`{key}` of [printer] is {most}, the rig's `{rig}` is {wanted}");
-                return Err(self.mismatch(doing, text));
+                differences.push(format!("`{key}` of [printer] is {most}, the rig's `{rig}` is {wanted}"));
             }
         }
-        Ok(())
+        match differences.is_empty() {
+            true => Ok(()),
+            false => Err(self.moonraker.error(doing, DeviceProblem::Settings(differences))),
+        }
     }
 
     /// Returns the place of the rig's zero in the printer's coordinates, mm: the middles of both travels are at one place. It is the same
     /// after each start.
-    fn zero_of(&self, doing: &str, axis: Axis, stepper: &Value, usage: &StageUse) -> Result<f64, DeviceError> {
+    fn zero_of(&self, axis: Axis, stepper: &Value, usage: &StageUse) -> Result<f64, String> {
         let (name, travel) = (axis.name(), usage.travel.along(axis));
         let end = |key: &str| stepper[key].as_f64();
         let (min_mm, max_mm) = (end("position_min").unwrap_or(0.0), end("position_max").unwrap_or(f64::NAN));
         if max_mm.is_nan() || travel.max - travel.min > max_mm - min_mm {
-            let text = format!(
+            return Err(format!(
                 "{name} goes from {min_mm} to {max_mm} mm by [stepper_{name}], and the rig's travel has {} mm",
                 travel.max - travel.min
-            );
-            return Err(self.mismatch(doing, text));
+            ));
         }
         Ok(self.in_steps(axis, (min_mm + max_mm - travel.min - travel.max) / 2.0))
     }
@@ -314,31 +306,14 @@ impl Klipper {
             .find(|axis| !self.is_same(*axis, report.at_mm[axis.index()], report.ends_mm[axis.index()]))
     }
 
-    /// Sends a motion of whole steps, from where the axes are. `away` is the direction of z away from the specimen: nothing that somebody else
-    /// set prevents a motion there.
+    /// Sends a motion of whole steps, from where the axes were sent.
     async fn send_motion(
         &mut self,
         doing: &str,
         ways: &[AxisWay],
         (speed_mm_s, usage): (f64, &StageUse),
     ) -> Result<(), DeviceError> {
-        let report = self.report(doing).await?;
-        let from_mm = report.ends_mm;
-        let is_leaving = usage.is_leaving(ways);
-        if !is_leaving {
-            if self.is_lost || !report.is_known && self.usage.is_some() {
-                self.is_lost = true;
-                return Err(self.lost(doing));
-            }
-            self.check_sent(doing, &report)?;
-            let rests = usage.check_rest(ways, from_mm, REPORT_ROUNDING_MM);
-            rests.map_err(|problem| self.moonraker.error(doing, problem))?;
-            if report.is_shifted {
-                let text = "its G-code coordinates were shifted by somebody else (G92, an offset, a bed mesh, a correction of skew or of tilt)";
-                return Err(self.motion(doing, text.to_owned()));
-            }
-        }
-        let mut by_mm = [0.0; 3];
+        let (from_mm, is_leaving, mut by_mm) = (self.ends_mm, usage.is_leaving(ways), [0.0; 3]);
         for way in ways {
             let nth = way.axis.index();
             // where the printer was sent, in whole steps, is known better than where it was read back
@@ -351,12 +326,9 @@ impl Klipper {
         if longest_mm == 0.0 {
             return Ok(());
         }
-        let whole_mm = by_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
         let words = Axis::ALL.into_iter().filter(|axis| by_mm[axis.index()] != 0.0);
         let words = words.map(|axis| format!("{}{:.6} ", axis.name().to_uppercase(), by_mm[axis.index()]));
-        // the feed is along the path; no axis is faster than the speed
-        let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
-        let (setup, words) = (&self.setup, words.collect::<String>());
+        let (setup, words, feed_mm_min) = (&self.setup, words.collect::<String>(), feed_mm_min(by_mm, speed_mm_s));
         let script = format!("{setup}G91\nG1 {words}F{feed_mm_min:.3}\nG90\nM400");
         self.under_way = UnderWay::Doubt;
         self.takes = seconds(longest_mm / speed_mm_s);
@@ -414,14 +386,14 @@ impl Stage for Klipper {
     /// Moves in pieces, between which a stop counts.
     async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
         let (doing, z) = ("moving z a little", Axis::Z.index());
-        let pieces = (way_mm / NUDGE_PIECE_MM).ceil().max(1.0);
-        let piece_mm = self.in_steps(Axis::Z, way_mm / pieces).max(self.step_mm[z]);
-        for _ in 0..pieces as u32 {
+        let (pieces, piece_mm) = pieces_of(way_mm);
+        let piece_mm = self.in_steps(Axis::Z, piece_mm).max(self.step_mm[z]);
+        for _ in 0..pieces {
             if orders.stopped() {
                 break;
             }
-            let from_mm = self.report(doing).await?.ends_mm[z];
-            let way = AxisWay { axis: Axis::Z, from_mm, by_mm: usage.away * piece_mm };
+            self.ends_mm = self.report(doing).await?.ends_mm;
+            let way = AxisWay { axis: Axis::Z, from_mm: self.ends_mm[z], by_mm: usage.away * piece_mm };
             self.send_motion(doing, &[way], (usage.home_speed_mm_s, usage)).await?;
             self.read_back(doing, seconds(piece_mm / usage.home_speed_mm_s)).await?;
         }
@@ -430,13 +402,9 @@ impl Stage for Klipper {
 
     async fn home(&mut self, usage: &StageUse, _: &MotionOrders) -> Result<(), DeviceError> {
         let doing = "preparing it";
-        if !usage.by_hand {
-            let text = "a search for home can't be stopped: write `home = \"by hand\"` in [stage]".to_owned();
-            return Err(self.mismatch(doing, text));
-        }
-        let far = |first_mm: [f64; 3]| Axis::ALL.into_iter().find(|axis| first_mm[axis.index()].abs() > ZERO_MOST_MM);
-        if let Some((first_mm, axis)) = self.first_mm.and_then(|first_mm| Some((first_mm, far(first_mm)?))) {
-            let (name, at_mm) = (axis.name(), first_mm[axis.index()]);
+        check_by_hand(usage).map_err(|text| self.mismatch(doing, text))?;
+        if let Some((axis, at_mm)) = self.first_mm.and_then(off_zero) {
+            let name = axis.name();
             let text = format!(
                 "{name} was at {at_mm:.2} mm by its count, but the rig's zero is 0: bring the axes to zero, then switch the motors off (M84)"
             );
@@ -446,19 +414,44 @@ impl Stage for Klipper {
         self.read_back(doing, Duration::ZERO).await.map(drop)
     }
 
-    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
-        let doing = "starting a motion";
-        let Some(usage) = self.usage.clone() else {
-            return Err(self.motion(doing, "it isn't prepared".to_owned()));
-        };
+    fn usage(&self) -> Option<&StageUse> {
+        self.usage.as_ref()
+    }
+
+    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+        self.moonraker.error(doing, problem)
+    }
+
+    /// Nothing that somebody else set prevents the way out of a contact.
+    async fn rest(&mut self, is_leaving: bool, _: &MotionOrders) -> Result<Option<RestPlace>, DeviceError> {
+        let doing = STARTING;
         if self.under_way != UnderWay::Nothing {
             self.read_back(doing, Duration::ZERO).await?;
         }
-        usage.check(ways).map_err(|problem| self.moonraker.error(doing, problem))?;
-        if orders.stopped() {
-            return Ok(());
+        let report = self.report(doing).await?;
+        if !is_leaving {
+            if self.is_lost || !report.is_known {
+                self.is_lost = true;
+                return Err(self.lost(doing));
+            }
+            self.check_sent(doing, &report)?;
+            if report.is_shifted {
+                let text = "its G-code coordinates were shifted by somebody else (G92, an offset, a bed mesh, a correction of skew or of tilt)";
+                return Err(self.motion(doing, text.to_owned()));
+            }
         }
-        self.send_motion(doing, ways, (speed_mm_s, &usage)).await
+        self.ends_mm = report.ends_mm;
+        Ok(Some(RestPlace { at_mm: report.ends_mm, uncertainty_mm: REPORT_ROUNDING_MM }))
+    }
+
+    async fn send(
+        &mut self,
+        ways: &[AxisWay],
+        speed_mm_s: f64,
+        usage: &StageUse,
+        _: &MotionOrders,
+    ) -> Result<(), DeviceError> {
+        self.send_motion(STARTING, ways, (speed_mm_s, usage)).await
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, _: &MotionOrders) -> Result<Vec<f64>, DeviceError> {

@@ -67,17 +67,19 @@ pub(super) fn parse_report(line: &str) -> Option<MarlinReport> {
     Some(parse_position(line).map_or_else(|| MarlinReport::Text(line.to_owned()), MarlinReport::Position))
 }
 
-/// Reads `X:0.00 Y:127.00 Z:145.00 E:0.00 Count X:0 Y:10160 Z:116000`. A blank may follow a colon.
+/// Reads `X:0.00 Y:127.00 Z:145.00 E:0.00 Count X:0 Y:10160 Z:116000`. A blank may follow a colon. Motors that don't each move one axis are
+/// counted as A, B and C; in CoreXY A counts x + y and B counts x - y (Marlin, `Stepper::report_a_position`).
 fn parse_position(line: &str) -> Option<MarlinPosition> {
     let (ends, counts) = line.split_once("Count")?;
-    let of = |text: &str, axis: Axis| -> Option<f64> {
-        let (_, rest) = text.split_once(&format!("{}:", axis.name().to_uppercase()))?;
+    let after = |text: &str, name: &str| -> Option<f64> {
+        let (_, rest) = text.split_once(&format!("{name}:"))?;
         rest.split_whitespace().next()?.parse().ok().filter(|number: &f64| number.is_finite())
     };
-    let all = |text: &str| Some([of(text, Axis::X)?, of(text, Axis::Y)?, of(text, Axis::Z)?]);
-    let steps = all(counts)?;
+    let all = |text: &str, [x, y, z]: [&str; 3]| Some([after(text, x)?, after(text, y)?, after(text, z)?]);
+    let core = || all(counts, ["A", "B", "Z"]).map(|[a, b, z]| [(a + b) / 2.0, (a - b) / 2.0, z]);
+    let steps = all(counts, ["X", "Y", "Z"]).or_else(core).or_else(|| all(counts, ["A", "B", "C"]))?;
     steps.iter().all(|steps| steps.fract() == 0.0).then_some(())?;
-    Some(MarlinPosition { ends_mm: all(ends)?, steps: steps.map(|steps| steps as i64) })
+    Some(MarlinPosition { ends_mm: all(ends, ["X", "Y", "Z"])?, steps: steps.map(|steps| steps as i64) })
 }
 
 /// Returns the numbers after X, Y and Z of a setting such as `echo:  M92 X80.00 Y80.00 Z400.00 E93.00`.
@@ -115,6 +117,8 @@ mod tests {
             ("T:21.50 /0.00 B:20.10 /0.00 @:0 B@:0", None),
             ("X:0.00 Y:127.00 Z:-1.50 E:0.00 Count X:0 Y:10160 Z:-600", Some(MarlinReport::Position(position))),
             ("X:0.00 Y:127.00 Z:-1.50 E:0.00 Count X: 0 Y:10160 Z:-600", Some(MarlinReport::Position(position))),
+            ("X:0.00 Y:127.00 Z:-1.50 E:0.00 Count A:10160 B:-10160 Z:-600", Some(MarlinReport::Position(position))),
+            ("X:0.00 Y:127.00 Z:-1.50 E:0.00 Count: A:0 B:10160 C:-600", Some(MarlinReport::Position(position))),
             (
                 "X:0.00 Y:127.00 Z:-1.50 Count X:0 Y:1",
                 Some(MarlinReport::Text("X:0.00 Y:127.00 Z:-1.50 Count X:0 Y:1".to_owned())),

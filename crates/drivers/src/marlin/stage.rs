@@ -3,8 +3,11 @@
 use super::port::MarlinPort;
 use super::report::setting;
 use crate::MOTION_MARGIN;
+use crate::printer::{check_by_hand, check_step, feed_mm_min, off_zero, pieces_of};
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrders, Stage, StageUse};
+use palpate_link::device::{
+    AxisWay, DeviceError, DeviceProblem, Identity, MotionOrders, RestPlace, STARTING, Stage, StageUse,
+};
 use palpate_link::time::{Instant, timeout_at};
 use palpate_link::wire::Connector;
 use std::time::Duration;
@@ -15,17 +18,8 @@ pub const LEAST_STEPS: u32 = 6;
 /// Calls the present place zero (Marlin documents, G92), and reports the count.
 const ZERO_HERE: &str = "G92 X0 Y0 Z0";
 
-/// Longest piece of a nudge, mm. It can't be stopped.
-const NUDGE_PIECE_MM: f64 = 0.05;
-
 /// Number of times that a piece is sent which moved nothing.
 const NUDGE_TRIES: usize = 2;
-
-/// Largest count of an axis at its zero, mm, where a person brought it.
-const ZERO_MOST_MM: f64 = 0.5;
-
-/// Largest difference between a step that the rig states and that of the printer, as a fraction.
-const STEP_DIFFERENCE: f64 = 1e-3;
 
 /// A printer with Marlin 2 on a serial line.
 pub struct Marlin {
@@ -77,32 +71,26 @@ impl Marlin {
         let most_mm_s = setting(&texts, "M203").ok_or_else(|| mismatch(missing("the largest speeds (M203)")))?;
         let most_mm_s2 =
             setting(&texts, "M201").ok_or_else(|| mismatch(missing("the largest accelerations (M201)")))?;
+        let mut differences = Vec::new();
         for axis in Axis::ALL {
-            let (name, stated_mm) = (axis.name(), usage.steps.along(axis));
-            let step_mm = 1.0 / steps_per_mm[axis.index()];
-            // a fine stage is in position within 3 um, which is more than half a step
-            if stated_mm > 0.0 && (stated_mm / step_mm - 1.0).abs() > STEP_DIFFERENCE
-                || stated_mm == 0.0 && step_mm / 2.0 > usage.steps.in_position_mm(axis)
-            {
-                return Err(mismatch(format!(
-                    "a step of {name} is {step_mm:.6} mm by its setting M92, the rig states {stated_mm} mm; write `step_mm.{name} = \
-                     {step_mm:.6}` in [stage] if the printer is set correctly"
-                )));
-            }
-            let (accelerates_mm_s2, acceleration_mm_s2) = (most_mm_s2[axis.index()], usage.acceleration_mm_s2);
+            let (nth, name) = (axis.index(), axis.name());
+            differences.extend(check_step(axis, 1.0 / steps_per_mm[nth], "its setting M92", usage).err());
+            let (accelerates_mm_s2, acceleration_mm_s2) = (most_mm_s2[nth], usage.acceleration_mm_s2);
             if accelerates_mm_s2 < acceleration_mm_s2 {
-                return Err(mismatch(format!(
+                differences.push(format!(
                     "its largest acceleration of {name} is {accelerates_mm_s2} mm/s^2 by its setting M201, the rig's `acceleration_mm_s2` is \
                      {acceleration_mm_s2}"
-                )));
+                ));
             }
-            let speed_mm_s = usage.speed_mm_s;
-            if most_mm_s[axis.index()] < speed_mm_s {
-                let most_mm_s = most_mm_s[axis.index()];
-                return Err(mismatch(format!(
+            let (most_mm_s, speed_mm_s) = (most_mm_s[nth], usage.speed_mm_s);
+            if most_mm_s < speed_mm_s {
+                differences.push(format!(
                     "its largest speed of {name} is {most_mm_s} mm/s by its setting M203, the rig's `speed_mm_s` is {speed_mm_s}"
-                )));
+                ));
             }
+        }
+        if !differences.is_empty() {
+            return Err(self.port.error(doing, DeviceProblem::Settings(differences)));
         }
         self.steps_per_mm = steps_per_mm;
         Ok(())
@@ -212,14 +200,10 @@ impl Marlin {
     fn line(&self, from: [i64; 3], end: [i64; 3], speed_mm_s: f64) -> String {
         let mm = |axis: usize, steps: i64| steps as f64 / self.steps_per_mm[axis];
         let way_mm: [f64; 3] = std::array::from_fn(|axis| mm(axis, end[axis] - from[axis]));
-        let longest_mm = way_mm.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
-        let whole_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
         let words = Axis::ALL.into_iter().filter(|axis| way_mm[axis.index()] != 0.0);
         let words =
             words.map(|axis| format!("{}{:.5} ", axis.name().to_uppercase(), mm(axis.index(), end[axis.index()])));
-        // the feed is along the path; no axis is faster than the speed
-        let feed_mm_min = 60.0 * speed_mm_s * whole_mm / longest_mm;
-        format!("G1 {}F{feed_mm_min:.3}", words.collect::<String>())
+        format!("G1 {}F{:.3}", words.collect::<String>(), feed_mm_min(way_mm, speed_mm_s))
     }
 
     /// Takes the count that `G92` reported at rest.
@@ -259,7 +243,8 @@ impl Stage for Marlin {
         let texts = std::mem::take(&mut self.port.texts);
         let named = texts.iter().find_map(|text| text.split_once("FIRMWARE_NAME:")).map(|(_, name)| name.trim());
         let name = named.and_then(|name| name.split(" (").next()).unwrap_or_default().to_owned();
-        if !name.starts_with("Marlin") {
+        // makers name their own builds after themselves, such as `Creality Marlin`
+        if !name.contains("Marlin") {
             let expected = "FIRMWARE_NAME:Marlin".to_owned();
             return Err(self.port.error(doing, DeviceProblem::Misfit { answer: texts.join(" "), expected }));
         }
@@ -283,9 +268,8 @@ impl Stage for Marlin {
     /// Moves in pieces, between which a stop counts.
     async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
         let (doing, z) = ("moving z a little", Axis::Z.index());
-        let pieces = (way_mm / NUDGE_PIECE_MM).ceil().max(1.0);
-        let piece_mm = way_mm / pieces;
-        for _ in 0..pieces as u32 {
+        let (pieces, piece_mm) = pieces_of(way_mm);
+        for _ in 0..pieces {
             if orders.stopped() {
                 break;
             }
@@ -310,12 +294,9 @@ impl Stage for Marlin {
 
     async fn home(&mut self, usage: &StageUse, _: &MotionOrders) -> Result<(), DeviceError> {
         let doing = "preparing it";
-        if !usage.by_hand {
-            let text = "a search for home can't be stopped: write `home = \"by hand\"` in [stage]".to_owned();
-            return Err(self.port.error(doing, DeviceProblem::Mismatch(text)));
-        }
-        if let Some(axis) = Axis::ALL.into_iter().find(|axis| self.first_mm[axis.index()].abs() > ZERO_MOST_MM) {
-            let (name, counts_mm) = (axis.name(), self.first_mm[axis.index()]);
+        check_by_hand(usage).map_err(|text| self.port.error(doing, DeviceProblem::Mismatch(text)))?;
+        if let Some((axis, counts_mm)) = off_zero(self.first_mm) {
+            let name = axis.name();
             let text = format!(
                 "{name} counted {counts_mm:.2} mm where it was switched on, but the rig's zero is 0: bring the axes to zero, then switch the \
                  printer off and on"
@@ -328,19 +309,30 @@ impl Stage for Marlin {
         Ok(())
     }
 
-    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
-        let doing = "starting a motion";
-        let Some(usage) = self.usage.clone() else {
-            return Err(self.port.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
-        };
-        usage.check(ways).map_err(|problem| self.port.error(doing, problem))?;
-        let is_leaving = usage.is_leaving(ways);
+    fn usage(&self) -> Option<&StageUse> {
+        self.usage.as_ref()
+    }
+
+    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+        self.port.error(doing, problem)
+    }
+
+    async fn rest(&mut self, is_leaving: bool, _: &MotionOrders) -> Result<Option<RestPlace>, DeviceError> {
         if self.port.is_lost && !is_leaving {
-            return Err(self.port.lost(doing));
+            return Err(self.port.lost(STARTING));
         }
         let at_mm = std::array::from_fn(|axis| self.at[axis] as f64 / self.steps_per_mm[axis]);
-        usage.check_rest(ways, at_mm, 0.0).map_err(|problem| self.port.error(doing, problem))?;
-        let mut by = [0; 3];
+        Ok(Some(RestPlace { at_mm, uncertainty_mm: 0.0 }))
+    }
+
+    async fn send(
+        &mut self,
+        ways: &[AxisWay],
+        speed_mm_s: f64,
+        usage: &StageUse,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
+        let (is_leaving, mut by) = (usage.is_leaving(ways), [0; 3]);
         for way in ways {
             let (nth, steps) = (way.axis.index(), self.steps_per_mm[way.axis.index()]);
             // the counted place is known better than the one that was read back
@@ -350,10 +342,10 @@ impl Stage for Marlin {
             };
         }
         let legs = Marlin::legs(by, usage.away);
-        if legs.is_empty() || orders.stopped() {
+        if legs.is_empty() {
             return Ok(());
         }
-        self.send_motion(doing, &legs, speed_mm_s, orders).await
+        self.send_motion(STARTING, &legs, speed_mm_s, orders).await
     }
 
     async fn follow(&mut self, axes: &[Axis], expected: Duration, _: &MotionOrders) -> Result<Vec<f64>, DeviceError> {

@@ -14,7 +14,7 @@ const MARKED: (&str, &str) = ("M118 palpate1", "palpate1\nok\n");
 const IDENTIFIED: [(&str, &str); 2] = [
     (
         "M115",
-        "FIRMWARE_NAME:Marlin 2.1.2.4 (Jan 1 2024) SOURCE_CODE_URL:github.com PROTOCOL_VERSION:1.0\nCap:EEPROM:1\nok\n",
+        "FIRMWARE_NAME:Maker Marlin 2.1.2.4 (Jan 1 2024) SOURCE_CODE_URL:github.com PROTOCOL_VERSION:1.0\nCap:EEPROM:1\nok\n",
     ),
     (
         "M503",
@@ -77,7 +77,7 @@ async fn ready_for(script: &[(&'static [u8], &'static [u8])]) -> (Marlin, JoinHa
     let (link, device) = scripted(Box::leak(all.chain(script.iter().copied()).collect()));
     let mut stage = Marlin::new(link, "script".to_owned());
     let identity = stage.identify(&printer()).await.unwrap();
-    assert_eq!(identity.identity, "Marlin 2.1.2.4");
+    assert_eq!(identity.identity, "Maker Marlin 2.1.2.4");
     stage.home(&printer(), &MotionOrders::default()).await.unwrap();
     (stage, device)
 }
@@ -331,6 +331,16 @@ async fn another_step_and_a_search_for_home_are_refused() {
     let fast = StageUse { speed_mm_s: 20.0, ..printer() };
     let text = stage.identify(&fast).await.unwrap_err().to_string();
     assert!(text.contains("its largest speed of z is 10 mm/s by its setting M203"), "{text}");
+    drop(stage);
+    device.await.unwrap();
+    // all at once
+    let (link, device) = script();
+    let mut stage = Marlin::new(link, "script".to_owned());
+    let text = stage.identify(&StageUse { steps: coarse.steps, ..fast }).await.unwrap_err().to_string();
+    let both = "2 settings differ from the rig:\n  - a step of z is 0.002500 mm by its setting M92, the rig states 0.00125 mm; write \
+                `step_mm.z = 0.002500` in [stage] if the printer is set correctly\n  - its largest speed of z is 10 mm/s by its setting M203, \
+                the rig's `speed_mm_s` is 20";
+    assert!(text.ends_with(both), "{text}");
     drop(stage);
     device.await.unwrap();
     let (mut stage, device) = ready(&[]).await;

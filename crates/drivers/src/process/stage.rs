@@ -3,7 +3,9 @@
 use super::port::{JsonObject, PREPARE_DEADLINE, ProgramPort};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
-use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, HomeSearch, Identity, MotionOrders, Stage, StageUse};
+use palpate_link::device::{
+    AxisWay, DeviceError, DeviceProblem, HomeSearch, Identity, MotionOrders, RestPlace, STARTING, Stage, StageUse,
+};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::Connector;
 use serde_json::{Value, json};
@@ -100,29 +102,40 @@ impl Stage for ProcessStage {
         Ok(())
     }
 
-    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
-        let doing = "starting a motion";
-        let Some(usage) = self.usage.clone() else {
-            return Err(self.port.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
-        };
-        usage.check(ways).map_err(|problem| self.port.error(doing, problem))?;
+    fn usage(&self) -> Option<&StageUse> {
+        self.usage.as_ref()
+    }
+
+    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+        self.port.error(doing, problem)
+    }
+
+    /// The way out is open from anywhere.
+    async fn rest(&mut self, is_leaving: bool, orders: &MotionOrders) -> Result<Option<RestPlace>, DeviceError> {
+        if is_leaving {
+            return Ok(None);
+        }
+        let at_mm = self.status(STARTING, Some(orders)).await?.position_mm;
+        Ok(Some(RestPlace { at_mm, uncertainty_mm: REPORT_ROUNDING_MM }))
+    }
+
+    async fn send(
+        &mut self,
+        ways: &[AxisWay],
+        speed_mm_s: f64,
+        usage: &StageUse,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         let of = |mm: &dyn Fn(&AxisWay) -> f64| -> JsonObject {
             ways.iter().map(|way| (way.axis.name().to_owned(), json!(mm(way)))).collect()
         };
         let by_mm = |way: &AxisWay| usage.from_count(way, way.from_mm, REPORT_ROUNDING_MM);
         let mut request = json!({ "by_mm": of(&by_mm), "speed_mm_s": speed_mm_s });
-        // the way out is open from anywhere
         if !usage.is_leaving(ways) {
-            let position_mm = self.status(doing, Some(orders)).await?.position_mm;
-            let rests = usage.check_rest(ways, position_mm, REPORT_ROUNDING_MM);
-            rests.map_err(|problem| self.port.error(doing, problem))?;
             request["from_mm"] = json!(of(&|way| way.from_mm));
         }
         let request = request.as_object().cloned().unwrap_or_default();
-        if orders.stopped() {
-            return Ok(());
-        }
-        self.port.ask(doing, "move", request, Some(orders)).await.map(|_| ())
+        self.port.ask(STARTING, "move", request, Some(orders)).await.map(|_| ())
     }
 
     async fn follow(

@@ -5,7 +5,9 @@ use super::rtde::{RobotState, Rtde};
 use super::script::{self, StraightMotion};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
-use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
+use palpate_link::device::{
+    AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, RestPlace, STARTING, Stage, StageUse,
+};
 use palpate_link::time::Instant;
 use palpate_link::wire::{Connector, LineLink, WireError, silent};
 use std::time::Duration;
@@ -127,10 +129,6 @@ impl Ur {
         }
     }
 
-    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
-        DeviceError { device: format!("stage (UR at {})", self.link), doing: doing.to_owned(), problem }
-    }
-
     fn failed(&self, doing: &str, error: &WireError) -> DeviceError {
         self.error(doing, DeviceProblem::Link(error.to_string()))
     }
@@ -160,7 +158,7 @@ impl Ur {
     }
 
     /// Sends a program. It replaces the one under way.
-    async fn send(&mut self, doing: &str, program: impl FnOnce(i32) -> String) -> Result<(), DeviceError> {
+    async fn run(&mut self, doing: &str, program: impl FnOnce(i32) -> String) -> Result<(), DeviceError> {
         self.number = self.number.checked_add(1).unwrap_or(1);
         self.is_awaited = true;
         // a new connection: the controller fills the old one with messages that nobody reads
@@ -321,7 +319,7 @@ impl Ur {
         // on the way out the tool doesn't turn
         let rotation_rad = if is_leaving { state.rotation_rad } else { self.settings.frame.tool_rad() };
         let way = StraightMotion { from_mm, to_mm: target_mm, rotation_rad, otherwise_mm };
-        self.send(doing, |number| script::motion(number, &way, v, a)).await?;
+        self.run(doing, |number| script::motion(number, &way, v, a)).await?;
         self.at_mm = to_mm;
         let late = "it doesn't begin a program: is it in remote control, and no message on the pendant?";
         self.until(doing, BEGUN_DEADLINE, orders, |own, state| state.begun == own.number, late).await?;
@@ -418,7 +416,7 @@ impl Ur {
             std::array::from_fn(|corner| std::array::from_fn(|axis| ends[axis][corner >> axis & 1]));
         let (corners, tool_rad) =
             (corners_mm.map(|at| self.settings.frame.to_base(at)), self.settings.frame.tool_rad());
-        self.send(doing, |number| script::reach(number, &corners, tool_rad)).await?;
+        self.run(doing, |number| script::reach(number, &corners, tool_rad)).await?;
         let late = "it doesn't run a program: is it in remote control, and no message on the pendant?";
         let is_done = |own: &Ur, state: &RobotState| state.ended == own.number && state.runtime == STOPPED;
         let state = self.until(doing, BEGUN_DEADLINE, orders, is_done, late).await?;
@@ -515,17 +513,29 @@ impl Stage for Ur {
         self.noise_mm
     }
 
-    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
-        let doing = "starting a motion";
-        let Some(usage) = self.usage.clone() else {
-            return Err(self.error(doing, DeviceProblem::Motion("it isn't prepared".to_owned())));
-        };
+    fn usage(&self) -> Option<&StageUse> {
+        self.usage.as_ref()
+    }
+
+    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+        DeviceError { device: format!("stage (UR at {})", self.link), doing: doing.to_owned(), problem }
+    }
+
+    async fn rest(&mut self, _: bool, orders: &MotionOrders) -> Result<Option<RestPlace>, DeviceError> {
         if self.at_mm[0].is_nan() {
-            let at_rest = self.ended(doing, Duration::ZERO, orders).await;
+            let at_rest = self.ended(STARTING, Duration::ZERO, orders).await;
             self.at_mm = self.settle(at_rest).await?;
         }
-        let rests = usage.check_rest(ways, self.at_mm, self.settings.path_error_mm);
-        usage.check(ways).and(rests).map_err(|problem| self.error(doing, problem))?;
+        Ok(Some(RestPlace { at_mm: self.at_mm, uncertainty_mm: self.settings.path_error_mm }))
+    }
+
+    async fn send(
+        &mut self,
+        ways: &[AxisWay],
+        speed_mm_s: f64,
+        usage: &StageUse,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         let mut by_mm = [0.0; 3];
         let is_leaving = usage.is_leaving(ways);
         for way in ways {
@@ -536,7 +546,7 @@ impl Stage for Ur {
             let is_known = !is_leaving || (is_near && left_mm * way.by_mm > 0.0);
             by_mm[way.axis.index()] = if is_known { left_mm } else { way.by_mm };
         }
-        let begun = self.move_by(doing, by_mm, (speed_mm_s, &usage), orders).await;
+        let begun = self.move_by(STARTING, by_mm, (speed_mm_s, usage), orders).await;
         self.settle(begun).await
     }
 
@@ -566,7 +576,7 @@ impl Stage for Ur {
             motion.is_stopped = true;
         }
         let deceleration_mm_s2 = self.usage.as_ref().map_or(STOP_MM_S2, |usage| usage.acceleration_mm_s2);
-        self.send("stopping it", |number| script::stop(number, deceleration_mm_s2)).await
+        self.run("stopping it", |number| script::stop(number, deceleration_mm_s2)).await
     }
 
     /// Stops what runs by the dashboard, which has a port of its own.

@@ -6,7 +6,7 @@ use super::stage::{Xps, numbers, state};
 use super::text::GroupState;
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
-use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, MotionOrders, Stage, WAY_MM};
+use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, MotionOrders, STARTING, Stage, WAY_MM};
 use palpate_link::time::Instant;
 use std::time::Duration;
 
@@ -40,7 +40,7 @@ impl Xps {
                 }
             };
             // near where it was read back; otherwise somebody else set another place or zero
-            let near = self.usage.as_ref().filter(|_| (sent_mm - way.from_mm).abs() <= SENT_MM);
+            let near = self.usage.as_ref().filter(|_| self.all_homed && (sent_mm - way.from_mm).abs() <= SENT_MM);
             all.push(near.map_or(*way, |usage| {
                 let by_mm = usage.from_count(way, sent_mm, WAY_MM);
                 AxisWay { axis: way.axis, from_mm: sent_mm, by_mm }
@@ -79,7 +79,7 @@ impl Xps {
         motions: Vec<(usize, GroupMotion)>,
         orders: &MotionOrders,
     ) -> Result<(), DeviceError> {
-        let doing = "starting a motion";
+        let doing = STARTING;
         let mut sent = Vec::new();
         for (nth, motion) in motions {
             if orders.stopped() {

@@ -6,7 +6,7 @@ use super::text::{GroupState, XpsReply};
 use crate::MOTION_MARGIN;
 use crate::clear::{CLEARING_Z, clear_z};
 use palpate_core::quantity::Axis;
-use palpate_link::device::{DeviceError, DeviceProblem, MotionOrder, MotionOrders, StageUse};
+use palpate_link::device::{DeviceError, DeviceProblem, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep};
 use std::time::Duration;
 

@@ -7,7 +7,9 @@ use super::socket::Socket;
 use super::text::{GroupState, group_state, number_in};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
+use palpate_link::device::{
+    AxisWay, DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, RestPlace, Stage, StageUse,
+};
 use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::Connector;
 use std::time::Duration;
@@ -25,6 +27,8 @@ pub struct Xps {
     pub(super) guard: Option<Guard>,
     pub(super) link: String,
     pub(super) usage: Option<StageUse>,
+    /// Whether all axes are homed, so that their counts are within the travel.
+    pub(super) all_homed: bool,
     /// Acceleration of every motion, mm/s^2; known once the first group is ready.
     pub(super) acceleration_mm_s2: f64,
     /// Speed, acceleration and jerk times that are set in each positioner: mm/s, mm/s^2, s, s.
@@ -47,16 +51,24 @@ impl Xps {
         }
         let brakes = Brakes { groups: brakes };
         let (usage, profiles, sent_mm) = (None, [[0.0; 4]; 3], [None; 3]);
-        Xps { asks, brakes, groups, grouping, guard, link, usage, acceleration_mm_s2: 0.0, profiles, sent_mm }
+        Xps {
+            asks,
+            brakes,
+            groups,
+            grouping,
+            guard,
+            link,
+            usage,
+            all_homed: false,
+            acceleration_mm_s2: 0.0,
+            profiles,
+            sent_mm,
+        }
     }
 
     pub(super) fn positioner(&self, axis: Axis) -> String {
         let positioner = &self.grouping.positioners[axis.index()];
         format!("{}.{}", positioner.group, positioner.name)
-    }
-
-    pub(super) fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
-        self.asks.error(doing, problem)
     }
 
     pub(super) async fn ask(&mut self, doing: &str, call: &str) -> Result<Vec<String>, DeviceError> {
@@ -88,7 +100,7 @@ impl Xps {
         let Xps { asks, brakes, .. } = self;
         let [place_mm] = brakes.ready_during(orders, numbers(asks, doing, &call)).await?;
         self.note_abort(orders);
-        if let Some(usage) = &self.usage
+        if let Some(usage) = self.usage.as_ref().filter(|_| self.all_homed)
             && !usage.reach(axis).contains(place_mm)
         {
             let expected = format!("a position within the travel of {}", axis.name());
@@ -207,12 +219,13 @@ impl Stage for Xps {
         if (way.to_mm() - end_mm) * usage.away > 0.0 {
             return Ok(false);
         }
-        self.begin(&[way], usage.home_speed_mm_s, orders).await?;
+        self.send(&[way], usage.home_speed_mm_s, usage, orders).await?;
         self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), orders).await?;
         Ok(true)
     }
 
     async fn home_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
+        self.usage = Some(usage.clone());
         // a group with other axes homes them in the same operation
         let is_alone = self.groups[0].axes == [Axis::Z];
         if is_alone {
@@ -225,14 +238,33 @@ impl Stage for Xps {
         for nth in 0..self.groups.len() {
             self.prepare(nth, usage, orders).await?;
         }
-        self.usage = Some(usage.clone());
+        (self.usage, self.all_homed) = (Some(usage.clone()), true);
         for axis in Axis::ALL {
             self.place_mm("reading a position", axis, orders).await?;
         }
         Ok(())
     }
 
-    async fn begin(&mut self, ways: &[AxisWay], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
+    fn usage(&self) -> Option<&StageUse> {
+        self.usage.as_ref()
+    }
+
+    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+        self.asks.error(doing, problem)
+    }
+
+    /// Nothing comes in unasked.
+    async fn rest(&mut self, _: bool, _: &MotionOrders) -> Result<Option<RestPlace>, DeviceError> {
+        Ok(None)
+    }
+
+    async fn send(
+        &mut self,
+        ways: &[AxisWay],
+        speed_mm_s: f64,
+        _: &StageUse,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         // a group takes one motion at a time; the current one ends at a safe point
         let until = Instant::now() + MOTION_MARGIN;
         let which = self.groups_of(&ways.iter().map(|way| way.axis).collect::<Vec<_>>());

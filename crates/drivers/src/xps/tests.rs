@@ -138,7 +138,7 @@ async fn a_motion_is_shaped_begun_and_ends_with_its_late_answer() {
         ],
         None,
     );
-    stage.begin(&ways(&[(Axis::Z, -1.25)]), 1.5, &MotionOrders::default()).await.unwrap();
+    stage.send(&ways(&[(Axis::Z, -1.25)]), 1.5, &usage(), &MotionOrders::default()).await.unwrap();
     let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(900), &MotionOrders::default()).await.unwrap();
     assert_eq!(places_mm, [-1.25]);
     done(stage, devices).await;
@@ -158,7 +158,8 @@ async fn a_target_out_of_range_is_refused_in_the_controllers_words() {
         ],
         None,
     );
-    let text = stage.begin(&ways(&[(Axis::Z, 380.0)]), 1.5, &MotionOrders::default()).await.unwrap_err().to_string();
+    let text =
+        stage.send(&ways(&[(Axis::Z, 380.0)]), 1.5, &usage(), &MotionOrders::default()).await.unwrap_err().to_string();
     assert!(text.contains("error -17 (parameter out of range) to GroupMoveRelative(XYZ.Z,380.000000)"), "{text}");
     done(stage, devices).await;
 }
@@ -178,7 +179,7 @@ async fn stop_uses_its_own_socket_and_motion_ends_with_code_27() {
         ],
         None,
     );
-    stage.begin(&ways(&[(Axis::Z, -1.25)]), 1.5, &MotionOrders::default()).await.unwrap();
+    stage.send(&ways(&[(Axis::Z, -1.25)]), 1.5, &usage(), &MotionOrders::default()).await.unwrap();
     let orders = MotionOrders::default();
     orders.stop();
     let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(900), &orders).await.unwrap();
@@ -209,7 +210,7 @@ async fn unrequested_abort_is_attributed_to_an_armed_guard() {
         Some(guard),
     );
     stage.guard(Some(2.05)).await.unwrap();
-    stage.begin(&ways(&[(Axis::Z, -1.25)]), 1.5, &MotionOrders::default()).await.unwrap();
+    stage.send(&ways(&[(Axis::Z, -1.25)]), 1.5, &usage(), &MotionOrders::default()).await.unwrap();
     let error = stage.follow(&[Axis::Z], Duration::from_millis(900), &MotionOrders::default()).await.unwrap_err();
     assert!(matches!(error.problem, DeviceProblem::Guarded { limit_n } if limit_n == 2.05), "{error}");
     done(stage, devices).await;
@@ -246,7 +247,7 @@ async fn position_beyond_the_travel_and_answer_to_another_call_are_refused() {
         let script: Script = Box::leak(Box::new([(b"GroupPositionCurrentGet(XYZ.Z,double *)".as_slice(), answer)]));
         let (asks, device) = scripted(script);
         let mut stage = asking(asks, group(true));
-        stage.usage = Some(usage());
+        (stage.usage, stage.all_homed) = (Some(usage()), true);
         assert!(
             stage.position_mm(Axis::Z, &MotionOrders::default()).await.is_err(),
             "{}",

@@ -45,6 +45,9 @@ pub enum DeviceProblem {
     /// The device works but differs from the rig file.
     #[error("{}", shown(.0))]
     Mismatch(String),
+    /// Settings of the device differ from the rig file; each with what to change, in the order in which the device takes the changes.
+    #[error("{}", listed(.0))]
+    Settings(Vec<String>),
     /// The controller ended a motion itself, at the force of its guard.
     #[error("its guard ended the motion at a force of {limit_n:.3} N or more")]
     Guarded {
@@ -80,7 +83,9 @@ impl Diagnostic for DeviceError {
             DeviceProblem::Refused(_) => {
                 "find the message in the device's manual and clear its cause; then repeat the command, or continue a run with `palpate resume`"
             }
-            DeviceProblem::Mismatch(_) => "change the rig file or the device's settings so that they agree",
+            DeviceProblem::Mismatch(_) | DeviceProblem::Settings(_) => {
+                "change the rig file or the device's settings so that they agree"
+            }
             DeviceProblem::Guarded { .. } => "check the specimen and the load cell before you continue",
             DeviceProblem::Coarse(_) => {
                 "state the stage's steps as `step_mm` of [stage], or use finer ones (microsteps, encoder); also check the axis for friction and backlash"
@@ -89,6 +94,17 @@ impl Diagnostic for DeviceError {
                 "find what blocks the stage and clear it; then repeat the command, or continue a run with `palpate resume`"
             }
         }))
+    }
+}
+
+/// Returns one text as it is, and several as a list with a line for each.
+fn listed(texts: &[String]) -> String {
+    match texts {
+        [text] => shown(text),
+        texts => {
+            let lines = texts.iter().map(|text| format!("\n  - {}", shown(text)));
+            format!("{} settings differ from the rig:{}", texts.len(), lines.collect::<String>())
+        }
     }
 }
 

@@ -75,7 +75,8 @@ impl StageUse {
         }
     }
 
-    /// Checks that all ways end within the travel. The way out of a contact is always open.
+    /// Checks that all ways end within the travel, or nearer to it: a stage may find its home beyond it. The way out of a contact is always
+    /// open.
     ///
     /// # Errors
     /// The end that isn't.
@@ -83,7 +84,13 @@ impl StageUse {
         if self.is_leaving(ways) {
             return Ok(());
         }
-        match ways.iter().find(|way| !self.travel.along(way.axis).widened(WAY_MM).contains(way.to_mm())) {
+        let is_allowed = |way: &AxisWay| {
+            let Range { min, max } = self.travel.along(way.axis);
+            let beyond_mm = |mm: f64| (min - mm).max(mm - max).max(0.0);
+            // written as the positive condition, so NaN fails
+            way.to_mm().is_finite() && beyond_mm(way.to_mm()) <= beyond_mm(way.from_mm) + WAY_MM
+        };
+        match ways.iter().find(|way| !is_allowed(way)) {
             None => Ok(()),
             Some(way) => {
                 let (name, to_mm) = (way.axis.name(), way.to_mm());
@@ -169,6 +176,18 @@ impl AxisWay {
     }
 }
 
+/// Where axes rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RestPlace {
+    /// Positions of x, y and z, mm.
+    pub at_mm: [f64; 3],
+    /// How far they may be off at rest, beyond an arrival, mm.
+    pub uncertainty_mm: f64,
+}
+
+/// What a stage does when a motion begins, in messages.
+pub const STARTING: &str = "starting a motion";
+
 /// A three-axis stage. Positions are stage coordinates, mm.
 ///
 /// A motion is started and then followed. A controller finishes a started motion even if the program ends, so only a motion that
@@ -214,17 +233,58 @@ pub trait Stage {
     /// Resets learned timing at the start of a press.
     fn forget_timing(&mut self) {}
 
+    /// Returns how the stage is used; `None` before it is prepared.
+    fn usage(&self) -> Option<&StageUse>;
+
+    /// Returns an error of this stage.
+    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError;
+
+    /// Reads what has come in while the stage rested, and returns where the axes rest, if that costs no exchange of its own or is due before a
+    /// motion toward the specimen. For a way out of a contact, a lost place is no error.
+    fn rest(
+        &mut self,
+        is_leaving: bool,
+        orders: &MotionOrders,
+    ) -> impl Future<Output = Result<Option<RestPlace>, DeviceError>>;
+
+    /// Sends a checked motion, as [`begin`](Stage::begin) says.
+    fn send(
+        &mut self,
+        ways: &[AxisWay],
+        speed_mm_s: f64,
+        usage: &StageUse,
+        orders: &MotionOrders,
+    ) -> impl Future<Output = Result<(), DeviceError>>;
+
     /// Starts axes on their ways, each at most at `speed_mm_s`. When this function returns, the controller has accepted the
     /// command and finishes it independently: the motion began just now. A stop that is ordered during the call is sent at
     /// once. If the stop was requested before the call, the axes don't move.
     ///
     /// A motion is sent once, as displacements. A way out of a contact is accepted even if the place is lost.
+    ///
+    /// # Errors
+    /// The stage isn't prepared, the motion ends outside its travel, the stage lost its place or isn't where it came to rest, or it refuses.
     fn begin(
         &mut self,
         ways: &[AxisWay],
         speed_mm_s: f64,
         orders: &MotionOrders,
-    ) -> impl Future<Output = Result<(), DeviceError>>;
+    ) -> impl Future<Output = Result<(), DeviceError>> {
+        async move {
+            let Some(usage) = self.usage().cloned() else {
+                return Err(self.error(STARTING, DeviceProblem::Motion("it isn't prepared".to_owned())));
+            };
+            usage.check(ways).map_err(|problem| self.error(STARTING, problem))?;
+            if let Some(RestPlace { at_mm, uncertainty_mm }) = self.rest(usage.is_leaving(ways), orders).await? {
+                let rests = usage.check_rest(ways, at_mm, uncertainty_mm);
+                rests.map_err(|problem| self.error(STARTING, problem))?;
+            }
+            if orders.stopped() {
+                return Ok(());
+            }
+            self.send(ways, speed_mm_s, &usage, orders).await
+        }
+    }
 
     /// Waits until the controller reports the axes at rest, and returns their positions, in their order, mm. `expected` is the
     /// expected duration of the motion. Orders are carried out at once, even while an answer is awaited.
@@ -321,6 +381,19 @@ mod tests {
         let bounds = StageBounds { steps: usage().steps, finishes: true, acceleration_mm_s2: 100.0 };
         assert_eq!(usage().bounds(), bounds);
         assert!(!StageUse { abilities: StageAbilities::FULL, ..usage() }.bounds().finishes);
+    }
+
+    #[test]
+    fn a_motion_ends_within_the_travel_or_nearer_to_it() {
+        let is_allowed =
+            |axis, from_mm: f64, to_mm: f64| usage().check(&[AxisWay::between(axis, from_mm, to_mm)]).is_ok();
+        assert!(is_allowed(Axis::X, 0.0, 12.5) && !is_allowed(Axis::X, 0.0, 12.6) && !is_allowed(Axis::X, 0.0, -12.6));
+        assert!(is_allowed(Axis::Z, 14.0, 13.9), "from a home beyond the travel");
+        assert!(
+            !is_allowed(Axis::X, 14.0, 14.1) && !is_allowed(Axis::Z, -14.0, -14.1) && !is_allowed(Axis::X, 14.0, -14.1)
+        );
+        assert!(is_allowed(Axis::Z, -14.0, -13.0) && is_allowed(Axis::Z, 12.0, 14.0), "the way out is open");
+        assert!(!is_allowed(Axis::X, 0.0, f64::NAN));
     }
 
     #[test]

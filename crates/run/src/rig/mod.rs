@@ -42,7 +42,7 @@ pub use spec::HomeSide;
 pub use spec::LoadCellDriver;
 pub use spec::StageDriver;
 pub use spec::StageSpec;
-pub use spec::{Dial, Driver, Home, LoadCellSpec, Misfit, OwnFile, RigSpec, RigWiring};
+pub use spec::{Dial, Driver, Home, LastResort, LoadCellSpec, Misfit, OwnFile, RigSpec, RigWiring};
 pub use which_way::WhichWay;
 
 use palpate_document::Keys;

@@ -10,7 +10,7 @@ use super::keys::{
 use super::monitor::{check_monitors, read_monitors};
 use super::scene::{paper_scene, read_scene};
 use super::simulated::TOO_MANY_CHANNELS;
-use super::spec::{Driver, Home, HomeSide};
+use super::spec::{Driver, Home, HomeSide, LastResort};
 use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use palpate_control::{DragLimits, SEARCH_ROOM_MM};
 use palpate_core::quantity::{Axis, Frame, Limits, Place, Range, Steps, TILT_MOST_DEG, Tilt, Travel, round};
@@ -131,6 +131,11 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
     if home == Some(Home::ByHand) && !driver.homes_by_hand() {
         let text = "this stage finds its position itself: `home = \"by hand\"` is for GRBL without switches, Marlin and Klipper";
         table.complain(Problem::new(table.span_of(&stage::home), text).help("remove `home`"));
+    }
+    if z_holds_unpowered == Some(true) && matches!(driver.last_resort(), LastResort::KeepsPower(_)) {
+        let text =
+            "nothing that is sent to this stage cuts its power: `z_holds_unpowered` is for ESP301, XPS and Klipper";
+        table.complain(Problem::new(table.span_of(&stage::z_holds_unpowered), text).help("remove `z_holds_unpowered`"));
     }
     let [speed_mm_s, acceleration_mm_s2, approach_mm_s, settle_ms] = numbers?;
     Some(StageSpec {

@@ -384,6 +384,15 @@ pub struct Misfit {
     pub help: Option<&'static str>,
 }
 
+/// What ends a motion that no stop has ended, as [`abort`](palpate_link::device::Stage::abort) sends it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LastResort {
+    /// This keeps z powered.
+    KeepsPower(&'static str),
+    /// This cuts the power, so it is sent only if z holds without it.
+    CutsPower(&'static str),
+}
+
 /// Driver of a stage.
 pub trait StageDriver: Driver {
     /// Returns the driver on its link, which `dial` opens. Nothing is sent.
@@ -405,6 +414,11 @@ pub trait StageDriver: Driver {
     /// Returns what it can do in a motion.
     fn abilities(&self) -> StageAbilities {
         StageAbilities::FULL
+    }
+
+    /// Returns what ends a motion that no stop has ended.
+    fn last_resort(&self) -> LastResort {
+        LastResort::KeepsPower("its stop")
     }
 
     /// Whether it gives way under a force as an arm does, so that its position isn't that of the tip.

@@ -9,7 +9,7 @@ use palpate_link::time::{sleep, timeout};
 use tokio::sync::Notify;
 
 /// Least force for the last resort, as a multiple of the limit. No motion that a permit granted reaches it.
-const BEYOND_SHARE: f64 = 1.1;
+pub const LAST_RESORT_SHARE: f64 = 1.1;
 /// Least rise of the force since the first of two or more such readings, in sd of a reading. A stage that rests in contact is freed by its way
 /// out, and not by a reset.
 const RISE_SIGMAS: f64 = 6.0;
@@ -35,7 +35,7 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
 
     /// Reads until the force continues to rise beyond the limit, or what is awaited meanwhile is over. Returns whether it rose.
     pub(super) async fn rises_beyond(&mut self, over: &Notify) -> bool {
-        let (zero, least_n) = (self.watch.zero(), BEYOND_SHARE * self.watch.limit_n());
+        let (zero, least_n) = (self.watch.zero(), LAST_RESORT_SHARE * self.watch.limit_n());
         let (zero_n, rise_n) = (zero.offset_n, RISE_SIGMAS * zero.sigma_n);
         let mut first_n = None;
         while let Some(read) = self.reading_until(over).await {

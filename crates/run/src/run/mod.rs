@@ -44,6 +44,7 @@ pub use estimate::{estimated_s, first_descent};
 pub use examine::{Examination, ForceCheck, NoLoadCell, examine};
 pub use execute::{Ending, Listener, RunJob, execute, execute_on};
 pub use home::{Retracted, retract};
+pub use last_resort::LAST_RESORT_SHARE;
 pub use pace::keep_pace;
 pub use ready::NOISE_SHARE;
 pub use retraction::{LargestForce, Remaining};

@@ -83,15 +83,21 @@ pub struct LargestForce {
     pub force_n: f64,
     /// Whether the load cell was at the end of its range, so that the force was at least this.
     pub is_least: bool,
+    /// What the declared stiffness gives at the depth where z was stopped, N, if z was deeper than the force shows.
+    pub by_depth_n: Option<f64>,
 }
 
 impl LargestForce {
     /// Returns a sentence about the force.
     pub fn text(&self) -> String {
-        let LargestForce { force_n, is_least } = *self;
-        match is_least {
-            false => format!("the largest force was {force_n:.2} N"),
-            true => format!("the largest force was at least {force_n:.2} N, the end of the load cell's range"),
+        let force_n = self.force_n;
+        match (self.is_least, self.by_depth_n) {
+            (false, _) => format!("the largest force was {force_n:.2} N"),
+            (true, None) => format!("the largest force was at least {force_n:.2} N, the end of the load cell's range"),
+            (true, Some(by_depth_n)) => format!(
+                "the largest force was at least {force_n:.2} N, the end of the load cell's range; by the depth at the stop and the declared \
+                 stiffness up to {by_depth_n:.2} N"
+            ),
         }
     }
 }
@@ -128,7 +134,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
                 match self.stop_or_abort().await {
                     // a controller that restarts didn't hear the question: the way out asks again
                     Err(Halt::Device(DeviceError { problem: DeviceProblem::Link(_), .. })) => {}
-                    seen => seen?,
+                    seen => self.note_depth(halt, seen?, limits),
                 }
             }
             // maybe in contact: the way out depends on no place
@@ -170,8 +176,17 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         retracted
     }
 
+    /// Notes what the depth says of the force, where a trip stopped z. A place that isn't known says nothing.
+    fn note_depth(&mut self, halt: &Halt, rest_mm: Option<[f64; 3]>, limits: &Limits) {
+        if let (Halt::Tripped(_), Some(rest_mm)) = (halt, rest_mm) {
+            let depth_mm = self.frame.z_from_stage(rest_mm[Axis::Z.index()]) + self.frame.uncertainty_mm;
+            self.by_depth_n = Some(limits.stiffness_n_mm * depth_mm);
+        }
+    }
+
     /// Stops all axes and sees that they rest. If the force continues to rise beyond the limit meanwhile, the stage takes its last resort.
-    pub(super) async fn stop_or_abort(&mut self) -> Result<(), Halt> {
+    /// Returns where they rest, unless the stage complained of a lost place before.
+    pub(super) async fn stop_or_abort(&mut self) -> Result<Option<[f64; 3]>, Halt> {
         let RigControl { stage, cell, usage, .. } = self;
         if !cell.presses_on
             && let Some(seen) = unless_it_presses_on(cell, stop_and_see(stage, &usage.steps)).await
@@ -191,7 +206,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     pub(super) fn largest(&self) -> Option<LargestForce> {
         let (reading_n, is_least) = self.cell.cell.largest.reading?;
         let force_n = reading_n - self.cell.watch.zero().offset_n;
-        (force_n >= LEFT_LEAST_N).then_some(LargestForce { force_n, is_least })
+        let by_depth_n = self.by_depth_n.filter(|by_depth_n| *by_depth_n > force_n);
+        (force_n >= LEFT_LEAST_N).then_some(LargestForce { force_n, is_least, by_depth_n })
     }
 
     /// Returns the force that is left on the specimen. After this halt, the load cell may be in doubt.
@@ -336,14 +352,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     }
 }
 
-/// Stops all axes and reads their positions back until they rest.
+/// Stops all axes and reads their positions back until they rest. Returns these, mm, unless the stage complained before.
 ///
 /// A stage that answers with a complaint is asked again: a lost place is stated once, and a controller that restarts takes its time.
 ///
 /// # Errors
 /// The stage moves on, or doesn't answer.
-async fn stop_and_see<S: Stage>(stage: &mut S, steps: &Steps) -> Result<(), Halt> {
-    let mut pauses = COMPLAINT_PAUSES.into_iter();
+async fn stop_and_see<S: Stage>(stage: &mut S, steps: &Steps) -> Result<Option<[f64; 3]>, Halt> {
+    let (mut pauses, mut complained) = (COMPLAINT_PAUSES.into_iter(), false);
     loop {
         let seen = async {
             stage.stop().await?;
@@ -351,15 +367,16 @@ async fn stop_and_see<S: Stage>(stage: &mut S, steps: &Steps) -> Result<(), Halt
         };
         match (seen.await, pauses.next()) {
             (Err(Halt::Device(error)), Some(pause)) if !matches!(error.problem, DeviceProblem::Link(_)) => {
+                complained = true;
                 sleep(pause).await;
             }
-            (seen, _) => return seen,
+            (seen, _) => return seen.map(|rest_mm| Some(rest_mm).filter(|_| !complained)),
         }
     }
 }
 
-/// Reads the positions of all axes back until they rest.
-async fn rests<S: Stage>(stage: &mut S, steps: &Steps) -> Result<(), Halt> {
+/// Reads the positions of all axes back until they rest, and returns them, mm.
+async fn rests<S: Stage>(stage: &mut S, steps: &Steps) -> Result<[f64; 3], Halt> {
     let until = Instant::now() + REST_DEADLINE;
     let mut before = positions(stage).await?;
     loop {
@@ -369,7 +386,7 @@ async fn rests<S: Stage>(stage: &mut S, steps: &Steps) -> Result<(), Halt> {
         let moved =
             Axis::ALL.map(|axis| ((now[axis.index()] - before[axis.index()]).abs(), steps.in_position_mm(axis)));
         let Some((moved_mm, most_mm)) = moved.into_iter().find(|(moved_mm, most_mm)| moved_mm > most_mm) else {
-            return Ok(());
+            return Ok(now);
         };
         if Instant::now() > until {
             return Err(Trip::new(SafetyRule::NotStopped, moved_mm, most_mm, "mm").into());

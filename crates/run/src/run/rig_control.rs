@@ -69,6 +69,8 @@ pub(super) struct RigControl<'a, S, C, A> {
     /// Position of the indenter: specimen frame, read back.
     pub place: Place,
     pub z_mm: f64,
+    /// What the declared stiffness gives at the depth where a trip stopped z, N.
+    pub by_depth_n: Option<f64>,
     /// Place at which a stage with steps really stands, read back; the target of any other.
     pub pressed: Place,
     /// Claims on the links, so that nobody else drives the instruments during this time.
@@ -375,6 +377,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
             no_load_sigmas,
             array_answers: false,
             unzeroed: None,
+            by_depth_n: None,
             no_load_outputs,
             place,
             z_mm,

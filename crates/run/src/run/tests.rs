@@ -3,12 +3,13 @@
 use super::rig_control::{RigControl, WatchedLoadCell};
 use super::{Cancel, Halt, LargestForce};
 use crate::rig::GroundTruth;
-use palpate_control::{Permit, SafetyRule, Timing, Watch, Zero};
+use palpate_control::{Permit, SafetyRule, Timing, Trip, Watch, Zero};
 use palpate_core::quantity::{
     Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, StageAbilities, StageBounds, Steps, Travel,
 };
 use palpate_link::device::{
-    AxisWay, DeviceError, HomeSearch, Identity, Instruments, LoadCell, MotionOrders, SensorArray, Stage, StageUse,
+    AxisWay, DeviceError, DeviceProblem, HomeSearch, Identity, Instruments, LoadCell, MotionOrders, RestPlace,
+    SensorArray, Stage, StageUse,
 };
 use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::Claims;
@@ -33,6 +34,18 @@ impl Stage for StrawStage<'_> {
     }
     async fn home(&mut self, _: &StageUse, _: &MotionOrders) -> Result<(), DeviceError> {
         unreachable!("the hand gets it prepared")
+    }
+    fn usage(&self) -> Option<&StageUse> {
+        unreachable!("it doesn't check")
+    }
+    fn error(&self, _: &str, _: DeviceProblem) -> DeviceError {
+        unreachable!("it doesn't fail")
+    }
+    async fn rest(&mut self, _: bool, _: &MotionOrders) -> Result<Option<RestPlace>, DeviceError> {
+        unreachable!("it doesn't check")
+    }
+    async fn send(&mut self, _: &[AxisWay], _: f64, _: &StageUse, _: &MotionOrders) -> Result<(), DeviceError> {
+        unreachable!("it doesn't check")
     }
     async fn begin(&mut self, ways: &[AxisWay], _: f64, _: &MotionOrders) -> Result<(), DeviceError> {
         for way in ways {
@@ -273,6 +286,19 @@ async fn a_force_that_no_stop_ends_takes_the_last_resort() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn the_depth_at_a_trip_says_what_the_force_may_have_been() {
+    let tripped = Halt::Tripped(Trip::new(SafetyRule::OverForce, 2.1, 2.0, "N"));
+    // 2 mm below the nominal surface, which is uncertain by 0.3 mm, at 2 N/mm
+    for (halt, expected_n) in [(tripped, Some(4.6)), (Halt::Cancelled, None)] {
+        let (text, cancel) = (RefCell::default(), Cancel::default());
+        let mut rig_control = rig_control(&text, &cancel, (0.0, 0.0));
+        rig_control.stage.at_mm[2] = -2.0;
+        let _ = rig_control.leave(Some(&halt), -0.3, &LIMITS).await;
+        assert_eq!(rig_control.by_depth_n, expected_n, "{halt:?}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
 async fn the_largest_force_is_what_two_successive_readings_reached() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
     let mut rig_control = rig_control(&text, &cancel, (1.5, 0.2));
@@ -282,13 +308,17 @@ async fn the_largest_force_is_what_two_successive_readings_reached() {
     for _ in 0..3 {
         cell.read().await.unwrap();
     }
-    assert_eq!(rig_control.largest(), Some(LargestForce { force_n: 0.2, is_least: false }), "one reading is none");
+    assert_eq!(
+        rig_control.largest(),
+        Some(LargestForce { force_n: 0.2, is_least: false, by_depth_n: None }),
+        "one reading is none"
+    );
     let cell = &mut rig_control.cell.cell;
     cell.device.until_s = f64::INFINITY;
     for _ in 0..2 {
         cell.read().await.unwrap();
     }
-    assert_eq!(rig_control.largest(), Some(LargestForce { force_n: 1.5, is_least: false }));
+    assert_eq!(rig_control.largest(), Some(LargestForce { force_n: 1.5, is_least: false, by_depth_n: None }));
 }
 
 #[tokio::test(start_paused = true)]

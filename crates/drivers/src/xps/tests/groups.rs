@@ -168,8 +168,8 @@ async fn x_and_y_of_one_group_move_in_one_call_and_z_on_its_own() {
         None,
     );
     // z is still under way when the others begin
-    stage.begin(&ways(&[(Axis::Z, 3.0)]), 5.0, &MotionOrders::default()).await.unwrap();
-    stage.begin(&ways(&[(Axis::X, 1.5), (Axis::Y, -2.0)]), 10.0, &MotionOrders::default()).await.unwrap();
+    stage.send(&ways(&[(Axis::Z, 3.0)]), 5.0, &usage(), &MotionOrders::default()).await.unwrap();
+    stage.send(&ways(&[(Axis::X, 1.5), (Axis::Y, -2.0)]), 10.0, &usage(), &MotionOrders::default()).await.unwrap();
     let axes = [Axis::Z, Axis::X, Axis::Y];
     assert_eq!(stage.follow(&axes, Duration::from_secs(1), &MotionOrders::default()).await.unwrap(), [3.0, 1.5, -2.0]);
     done(stage, devices).await;
@@ -205,7 +205,7 @@ async fn three_single_axes_begin_together_and_a_stop_reaches_all_at_once() {
         None,
     );
     let orders = MotionOrders::default();
-    stage.begin(&ways(&[(Axis::X, 1.5), (Axis::Y, -2.0)]), 10.0, &orders).await.unwrap();
+    stage.send(&ways(&[(Axis::X, 1.5), (Axis::Y, -2.0)]), 10.0, &usage(), &orders).await.unwrap();
     orders.stop();
     let places_mm = stage.follow(&[Axis::X, Axis::Y], Duration::from_secs(1), &orders).await.unwrap();
     assert_eq!(places_mm, [0.5, -0.5]);
@@ -235,7 +235,7 @@ async fn if_one_group_refuses_its_motion_the_other_is_stopped() {
         None,
     );
     let targets = ways(&[(Axis::X, 1.5), (Axis::Y, -99.0)]);
-    let text = stage.begin(&targets, 10.0, &MotionOrders::default()).await.unwrap_err().to_string();
+    let text = stage.send(&targets, 10.0, &usage(), &MotionOrders::default()).await.unwrap_err().to_string();
     assert!(text.contains("error -17"), "{text}");
     done(stage, devices).await;
 }
@@ -287,7 +287,7 @@ async fn each_group_has_a_guard_and_the_one_that_fired_is_named() {
         Some(guard),
     );
     stage.guard(Some(2.05)).await.unwrap();
-    stage.begin(&ways(&[(Axis::Z, -1.25)]), 1.5, &MotionOrders::default()).await.unwrap();
+    stage.send(&ways(&[(Axis::Z, -1.25)]), 1.5, &usage(), &MotionOrders::default()).await.unwrap();
     let error = stage.follow(&[Axis::Z], Duration::from_millis(900), &MotionOrders::default()).await.unwrap_err();
     assert!(matches!(error.problem, DeviceProblem::Guarded { limit_n } if limit_n == 2.05), "{error}");
     stage.guard(None).await.unwrap();

@@ -2,7 +2,7 @@
 
 use super::{DeviceFamily, Links, Role};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{Dial, Driver, RigSpec, StageDriver};
+use crate::rig::spec::{Dial, Driver, LastResort, RigSpec, StageDriver};
 use palpate_drivers::{AnyStage, Esp301};
 use palpate_sim::emulator;
 use palpate_sim::scene::Scene;
@@ -34,5 +34,9 @@ impl StageDriver for Esp301StageSpec {
 
     fn emulated(&self, scene: &Scene, _: &RigSpec) -> EmulatedDevice {
         EmulatedDevice::serial(emulator::Esp301Emulator::new(scene), "esp301")
+    }
+
+    fn last_resort(&self) -> LastResort {
+        LastResort::CutsPower("AB")
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{DeviceFamily, Links, Role};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{Dial, Driver, Home, RigSpec, StageDriver};
+use crate::rig::spec::{Dial, Driver, Home, LastResort, RigSpec, StageDriver};
 use palpate_core::quantity::{Axis, Range, Travel, round};
 use palpate_drivers::AnyStage;
 use palpate_drivers::grbl::{AxisCounts, Build, Grbl, GrblFirmware, ReportedSettings};
@@ -39,6 +39,10 @@ impl StageDriver for GrblStageSpec {
 
     fn homes_by_hand(&self) -> bool {
         true
+    }
+
+    fn last_resort(&self) -> LastResort {
+        LastResort::KeepsPower("a feed hold and a reset")
     }
 }
 
@@ -86,11 +90,11 @@ fn misfit(rig: &RigSpec) -> Option<String> {
     };
     let settings = ReportedSettings::new(board.settings.lines().filter_map(number).collect(), &[]);
     let build = Build { firmware: GrblFirmware::Grbl, version: "1.1h".to_owned(), sets_origin: board.sets_origin };
-    let text = settings.check(&build, &usage).err()?;
+    let texts = settings.check(&build, &usage).err()?;
     let counts = Axis::ALL.into_iter().filter_map(|axis| settings.counts(&build, axis).ok());
     let misfits: Vec<AxisCounts> = counts.filter(|counts| counts.misfit(&usage).is_some()).collect();
     if misfits.is_empty() {
-        return Some(text);
+        return Some(texts.join("; "));
     }
     let text = misfits.iter().map(|counts| travel_text(counts, rig.stage.travel.along(counts.axis)));
     Some(format!("{}; or write `home = \"by hand\"` in [stage]", text.collect::<Vec<_>>().join("; ")))

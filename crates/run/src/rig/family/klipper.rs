@@ -3,7 +3,7 @@
 use super::printer::misfits;
 use super::{DeviceFamily, Links, Role};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{Dial, Driver, Misfit, RigSpec, StageDriver};
+use crate::rig::spec::{Dial, Driver, LastResort, Misfit, RigSpec, StageDriver};
 use palpate_core::quantity::{Axis, StageAbilities};
 use palpate_drivers::AnyStage;
 use palpate_drivers::klipper::Klipper;
@@ -52,6 +52,10 @@ impl StageDriver for KlipperStageSpec {
 
     fn abilities(&self) -> StageAbilities {
         StageAbilities { late_s: LATE_S, ..StageAbilities::FINISHES }
+    }
+
+    fn last_resort(&self) -> LastResort {
+        LastResort::CutsPower("emergency_stop")
     }
 }
 

@@ -3,7 +3,7 @@
 use super::printer::misfits;
 use super::{DeviceFamily, Links, Role};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{Dial, Driver, Misfit, RigSpec, StageDriver};
+use crate::rig::spec::{Dial, Driver, LastResort, Misfit, RigSpec, StageDriver};
 use palpate_core::quantity::{Axis, StageAbilities};
 use palpate_drivers::AnyStage;
 use palpate_drivers::marlin::{LEAST_STEPS, Marlin};
@@ -49,6 +49,10 @@ impl StageDriver for MarlinStageSpec {
 
     fn abilities(&self) -> StageAbilities {
         StageAbilities { least_steps: LEAST_STEPS, ..StageAbilities::FINISHES }
+    }
+
+    fn last_resort(&self) -> LastResort {
+        LastResort::KeepsPower("M410")
     }
 }
 

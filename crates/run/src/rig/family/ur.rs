@@ -2,7 +2,7 @@
 
 use super::{Beside, DeviceFamily, Links, Role, as_a, unfit};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{Dial, Driver, LoadCellDriver, Misfit, RigSpec, RigWiring, StageDriver};
+use crate::rig::spec::{Dial, Driver, LastResort, LoadCellDriver, Misfit, RigSpec, RigWiring, StageDriver};
 use palpate_core::quantity::{Axis, StageAbilities};
 use palpate_document::{Bounds, Problem, Table, keys, with_nearest};
 use palpate_drivers::ur::{RobotLinks, RobotSettings, TaughtFrame, Ur, UrForce};
@@ -248,5 +248,9 @@ impl StageDriver for UrStageSpec {
 
     fn bends(&self) -> bool {
         true
+    }
+
+    fn last_resort(&self) -> LastResort {
+        LastResort::KeepsPower("the dashboard's stop")
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{Beside, DeviceFamily, Links, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role, as_a, read_newton_per_volt};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{Dial, Driver, LoadCellDriver, Misfit, RigSpec, RigWiring, StageDriver};
+use crate::rig::spec::{Dial, Driver, LastResort, LoadCellDriver, Misfit, RigSpec, RigWiring, StageDriver};
 use palpate_document::{Problem, Table, keys};
 use palpate_drivers::xps::{Grouping, Guard, PositionerName, Xps, XpsAnalog};
 use palpate_drivers::{AnyLoadCell, AnyStage};
@@ -138,6 +138,10 @@ impl StageDriver for XpsStageSpec {
         let volts_per_newton = cell_of(rig).map_or(1.0, |cell| 1.0 / cell.0.newton_per_volt);
         let positioners = self.grouping.positioners.each_ref().map(|each| (each.group.as_str(), each.name.as_str()));
         EmulatedDevice::network(emulator::XpsEmulator::new(scene, positioners, volts_per_newton), "xps")
+    }
+
+    fn last_resort(&self) -> LastResort {
+        LastResort::CutsPower("GroupKill")
     }
 }
 
