@@ -38,6 +38,8 @@ pub(crate) struct Family<K: 'static> {
     stage: Install<K>,
     /// Whether its rig states that z holds without power.
     pub(crate) z_holds: bool,
+    /// How long it takes to begin what another host sends, s.
+    pub(crate) begins_s: f64,
 }
 
 impl<K> Family<K> {
@@ -71,18 +73,21 @@ impl<K> Family<K> {
     }
 }
 
-pub(crate) const MARLIN: Family<MarlinFaultKind> = Family { rig: "rigs/marlin.toml", stage: marlin, z_holds: false };
-pub(crate) const GRBL: Family<GrblFaultKind> = Family { rig: "rigs/matrix.toml", stage: grbl, z_holds: false };
+pub(crate) const MARLIN: Family<MarlinFaultKind> =
+    Family { rig: "rigs/marlin.toml", stage: marlin, z_holds: false, begins_s: 0.0 };
+pub(crate) const GRBL: Family<GrblFaultKind> =
+    Family { rig: "rigs/matrix.toml", stage: grbl, z_holds: false, begins_s: 0.0 };
 pub(crate) const KLIPPER_THAT_HOLDS: Family<KlipperFaultKind> =
-    Family { rig: "rigs/klipper.toml", stage: klipper, z_holds: true };
+    Family { rig: "rigs/klipper.toml", stage: klipper, z_holds: true, begins_s: 0.0 };
 pub(crate) const KLIPPER: Family<KlipperFaultKind> =
-    Family { rig: "rigs/klipper.toml", stage: klipper, z_holds: false };
+    Family { rig: "rigs/klipper.toml", stage: klipper, z_holds: false, begins_s: 0.0 };
 
-pub(crate) const ESP301: Family<EspFaultKind> = Family { rig: "rigs/esp301.toml", stage: esp301, z_holds: false };
-pub(crate) const XPS: Family<XpsFaultKind> = Family { rig: "rigs/xps.toml", stage: xps, z_holds: false };
-pub(crate) const ARM: Family<UrFaultKind> = Family { rig: "rigs/ur.toml", stage: arm, z_holds: false };
+pub(crate) const ESP301: Family<EspFaultKind> =
+    Family { rig: "rigs/esp301.toml", stage: esp301, z_holds: false, begins_s: 0.0 };
+pub(crate) const XPS: Family<XpsFaultKind> = Family { rig: "rigs/xps.toml", stage: xps, z_holds: false, begins_s: 0.0 };
+pub(crate) const ARM: Family<UrFaultKind> = Family { rig: "rigs/ur.toml", stage: arm, z_holds: false, begins_s: 0.2 };
 pub(crate) const PROGRAM: Family<ProcessStageFaultKind> =
-    Family { rig: "rigs/process.toml", stage: program, z_holds: false };
+    Family { rig: "rigs/process.toml", stage: program, z_holds: false, begins_s: 0.0 };
 
 /// Returns the faults at a time, and those after a number of bytes.
 fn faults<K>(fault: Option<(When, K)>) -> (Vec<DeviceFault<K>>, Vec<FaultAfterBytes<K>>) {

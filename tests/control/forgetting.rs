@@ -24,6 +24,12 @@ const MOST: f64 = 1.1;
 const RUNS: (usize, usize) = (4, 500);
 const RUNS_OF_PRINTERS: (usize, usize) = (6, 3000);
 
+/// How long before its end a run doesn't see what begins, s: z goes .4 mm at 5 mm/s until it touches.
+const UNSEEN_S: f64 = 0.1;
+
+/// Interval of the faults before that, s.
+const LAST_QUESTIONS_EVERY_S: f64 = 0.01;
+
 impl<K: Copy + Debug + Send + Sync> Family<K> {
     fn run(&self, fault: Option<(When, K)>) -> ExecutedRun {
         let spec = self.over_specimen();
@@ -48,7 +54,11 @@ impl<K: Copy + Debug + Send + Sync> Family<K> {
             .map(|nth| if count as u64 >= sound.bytes { nth + 1 } else { rng.random_range(1..=sound.bytes) })
             .map(When::AfterBytes)
             .collect();
-        whens.extend((0..count / 2).map(|_| When::At(rng.random_range(sound.ready_s..sound.virtual_s))));
+        let seen_until_s = sound.virtual_s - UNSEEN_S - self.begins_s;
+        whens.extend((0..count / 2).map(|_| When::At(rng.random_range(sound.ready_s..seen_until_s))));
+        // between the last questions of a run, of which a printer answers each when all that it has queued has ended
+        whens
+            .extend((0..campaign::size(4, 40)).map(|nth| When::At(seen_until_s - LAST_QUESTIONS_EVERY_S * nth as f64)));
         let outcomes = in_parallel(&whens, |&when| {
             let run = self.run(Some((when, kind)));
             (run.truth.force_n, run.left_n, end_of(&run.ending), run.ending.text())

@@ -1,6 +1,6 @@
 //! Drags: motions of x and y in contact. Recipe and rig both name them, and only a load cell with three axes allows them.
 
-use super::permit::{DEPTH_MARGIN_MM, FRESH_S, Permit, SPEED_LEAST_MM_S};
+use super::permit::{DEPTH_MARGIN_MM, Permit, SPEED_LEAST_MM_S};
 use super::trip::{SafetyRule, Trip};
 use palpate_core::quantity::{Axis, Limits, Place};
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -151,9 +151,9 @@ impl Permit {
         if let Some(wrong) = numbers.into_iter().find(|number| !number.is_finite()) {
             return Err(Trip::new(SafetyRule::NotFinite, wrong, 0.0, "of a drag")); // `max` and `min` ignore NaN
         }
-        let is_fresh = age_s <= FRESH_S; // written as the positive condition, so NaN fails
+        let is_fresh = age_s <= self.stale_s; // written as the positive condition, so NaN fails
         if !is_fresh {
-            return Err(Trip::new(SafetyRule::Stale, age_s, FRESH_S, "s"));
+            return Err(Trip::new(SafetyRule::Stale, age_s, self.stale_s, "s"));
         }
         let steps = self.steps();
         // a stage with steps may end beyond its target

@@ -50,5 +50,5 @@ pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::{Expected, TOUCH_SIGMA_MM};
 pub use task::{Branch, OverTime, PressLevel, PressTask, SetPoint, Strategy};
 pub use trip::{SafetyRule, Trip};
-pub use watch::{STALE_S, Watch, check_sound};
-pub use zero::Zero;
+pub use watch::{Watch, check_sound};
+pub use zero::{STALE_S, Zero};

@@ -9,10 +9,6 @@ use palpate_core::quantity::{Axis, Limits, StageBounds, Steps};
 /// Part of the depth limit that is reserved for the error of the touched surface, mm.
 pub const DEPTH_MARGIN_MM: f64 = 0.03;
 
-/// Largest age of a reading on which a motion may depend, s. Between the reading and the motion, an ESP301 takes up to 80 ms for
-/// the read-back.
-pub(crate) const FRESH_S: f64 = 0.25;
-
 /// Slowest motion that is commanded, mm/s. Below it the speed would be lost in a controller's number format.
 pub(crate) const SPEED_LEAST_MM_S: f64 = 1e-4;
 
@@ -103,6 +99,8 @@ pub struct Permit {
     detect_n: f64,
     /// Standard deviation of one reading, N.
     sigma_n: f64,
+    /// Largest age of a reading on which a motion may depend, s.
+    pub(crate) stale_s: f64,
     stage: StageBounds,
 }
 
@@ -111,7 +109,8 @@ impl Permit {
     /// with steps every motion may end deeper than its target, and the position from which it begins may be deeper than it was read back:
     /// together by [`Steps::reserve_mm`]. On a stage that can't be stopped each approach ends where a contact adds no more than a touch.
     pub fn new(limits: Limits, stage: StageBounds, reaction_s: f64, zero: &Zero) -> Self {
-        Permit { limits, drag: None, reaction_s, detect_n: zero.detect_n(), sigma_n: zero.sigma_n, stage }
+        let (detect_n, sigma_n, stale_s) = (zero.detect_n(), zero.sigma_n, zero.stale_s());
+        Permit { limits, drag: None, reaction_s, detect_n, sigma_n, stale_s, stage }
     }
 
     /// Returns the permit of a rig that allows these drags.
@@ -174,9 +173,9 @@ impl Permit {
     /// A trip if the end point of the motion isn't safe or the force used isn't recent (I4). Nothing moves then.
     pub fn advance(&self, context: &MotionContext, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
         // written as the positive condition, so NaN fails
-        let is_fresh = context.age_s <= FRESH_S;
+        let is_fresh = context.age_s <= self.stale_s;
         if !is_fresh {
-            return Err(Trip::new(SafetyRule::Stale, context.age_s, FRESH_S, "s"));
+            return Err(Trip::new(SafetyRule::Stale, context.age_s, self.stale_s, "s"));
         }
         self.no_deeper_than(self.deepest_mm(context), z_mm, speed_mm_s)
     }

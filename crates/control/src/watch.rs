@@ -12,9 +12,6 @@ const MEAN_S: f64 = 0.010;
 /// Least force below zero that indicates a wrong sign, N.
 const NEGATIVE_LEAST_N: f64 = 0.030;
 
-/// Longest time between two good readings while the indenter may touch, s.
-pub const STALE_S: f64 = 0.25;
-
 /// Largest number of readings in the running mean.
 const MEAN_MAX: usize = 64;
 
@@ -144,8 +141,8 @@ impl Watch {
     fn checked(&mut self, reading: &ForceReading, within_n: Range) -> Result<f64, Trip> {
         check_sound(reading)?;
         let gap_s = self.last_s.map_or(0.0, |last_s| reading.at_s - last_s);
-        if gap_s > STALE_S {
-            return Err(Trip::new(SafetyRule::Stale, gap_s, STALE_S, "s"));
+        if gap_s > self.zero.stale_s() {
+            return Err(Trip::new(SafetyRule::Stale, gap_s, self.zero.stale_s(), "s"));
         }
         self.last_s = Some(reading.at_s);
         self.check_frozen(reading.force_n)?;

@@ -26,6 +26,15 @@ const DETECT_LEAST_N: f64 = 0.030;
 /// Least force of a single reading that counts as contact, in sd of the noise.
 const DETECT_SIGMAS: f64 = 8.0;
 
+/// Longest time between two good readings while the indenter may touch, and largest age of one on which a motion may depend, s. Between the
+/// reading and the motion, an ESP301 takes up to 80 ms for the read-back.
+pub const STALE_S: f64 = 0.25;
+
+/// The same in times between two readings of a slow cell or link, measured without load: a motion depends on two readings, and the next one
+/// is awaited. And the largest that is accepted, s.
+const STALE_GAPS: f64 = 3.0;
+const STALE_MOST_S: f64 = 1.0;
+
 /// Load cell reading without load; forces are relative to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zero {
@@ -38,6 +47,8 @@ pub struct Zero {
     /// Fraction of one reading's noise that the next reading contains too, 0 to 1. After a filter, neighbouring readings are
     /// alike.
     pub shared: f64,
+    /// Largest time between two readings, s.
+    pub gap_s: f64,
     /// Smallest step between two readings, N; 0 if no two readings were the same.
     pub step_n: f64,
     /// Standard deviation of the offset itself, N.
@@ -58,6 +69,7 @@ impl Zero {
             sigma_n,
             noise_n: sigma_n,
             shared: 0.0,
+            gap_s: 0.0,
             step_n: 0.0,
             offset_sigma_n: 0.0,
             mains: None,
@@ -84,6 +96,7 @@ impl Zero {
             noise_n,
             // mains interference is shared too, but averaged differently
             shared: if mains.is_some() { 0.0 } else { shared(readings, mean) },
+            gap_s: readings.windows(2).map(|pair| pair[1].at_s - pair[0].at_s).fold(0.0, f64::max),
             step_n: step_n(&codes),
             offset_sigma_n: noise_n / n.sqrt(),
             mains,
@@ -98,6 +111,11 @@ impl Zero {
         let moved = |side: SideZero| SideZero { offset_n: no_load.side_mean_n.unwrap_or(side.offset_n), ..side };
         let (offset_n, offset_sigma_n) = (no_load.mean_n, self.sigma_own_n(no_load.readings));
         Zero { offset_n, offset_sigma_n, side: self.side.map(moved), ..*self }
+    }
+
+    /// Time after which a reading is old, s.
+    pub fn stale_s(&self) -> f64 {
+        STALE_S.max(STALE_GAPS * self.gap_s).min(STALE_MOST_S)
     }
 
     /// Standard deviation of the mean of some readings by their own noise, N, with the readings treated as independent.

@@ -3,6 +3,7 @@
 use super::check_weight::{Ask, CellAfter, KnownWeight};
 use super::checks::Checking;
 use super::clock::RunClock;
+use super::last_resort::LAST_RESORT_SHARE;
 use super::monitors::Monitors;
 use super::past::{Past, felt};
 use super::ready::{Conditions, Ready, make_ready, take_zero};
@@ -12,7 +13,8 @@ use super::without_cell::execute_without_cell;
 use super::{Cancel, Halt, LargestForce, Remaining};
 use crate::rig::{OpenRig, RigSpec};
 use palpate_control::{
-    ContactMap, DragResponses, LearnedOutputs, MeasuredContact, NO_LOAD_READINGS, Permit, Reaction, SetPoint,
+    ContactMap, DragResponses, LearnedOutputs, MeasuredContact, NO_LOAD_READINGS, Permit, Reaction, SafetyRule,
+    SetPoint, Trip,
 };
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{
@@ -171,6 +173,11 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
                 ending.largest = runner.rig_control.largest();
             } else {
                 ending.cell = runner.weigh_after().await;
+                // nothing else tells of a force on the way to park, which is no part of a press
+                let (largest, limit_n) = (runner.rig_control.largest(), spec.limits.force_n);
+                if let Some(over) = largest.filter(|largest| largest.force_n > LAST_RESORT_SHARE * limit_n) {
+                    ending.halt = Some(Trip::new(SafetyRule::OverForce, over.force_n, limit_n, "N").into());
+                }
             }
         }
         Err(halt) => {

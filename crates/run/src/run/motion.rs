@@ -5,7 +5,7 @@ use super::last_resort::unless_given_up;
 use super::retraction::then_notify;
 use super::rig_control::{OUTPUTS_ON_THE_WAY, RigControl, WatchedLoadCell};
 use super::window::OutputMeans;
-use palpate_control::{ForceLoop, MotionProfile, Permit, Permitted, STALE_S, SafetyRule, Sideways, Steer, Trip};
+use palpate_control::{ForceLoop, MotionProfile, Permit, Permitted, SafetyRule, Sideways, Steer, Trip};
 use palpate_core::quantity::{Axis, Place, Range, seconds};
 use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, sleep_until, timeout};
@@ -33,12 +33,15 @@ pub(super) const GIVEN_UP_AFTER: Duration = Duration::from_secs(1);
 /// Longest time without an answer after a motion should have ended, s.
 pub(super) const SILENT_S: f64 = 0.5;
 
-/// Number of conversions after which a cell has shown a contact that ended. Two conversions make a force, and one was in
-/// progress.
-const CONVERSIONS_HEARD: f64 = 4.0;
+/// Number of readings after which a cell has shown a contact that ended: two readings make a force, one was in progress, and so was its
+/// conversion. They are counted as they come, because a link may be slower than the cell. A cell that doesn't answer any more ends the motion.
+const READINGS_HEARD: u32 = 4;
 
 /// Interval between looks at z during the retraction from a contact.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
+
+/// Time before the expected end of a way to the next place from which on the stage is asked for it. Nobody knows which axis ends last.
+const ASKED_BEFORE: Duration = Duration::from_secs(5);
 
 /// Axes that move the indenter from place to place.
 pub(super) const SIDEWAYS: [Axis; 2] = [Axis::X, Axis::Y];
@@ -115,13 +118,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let clears_s = retraction.reaches_s(self.z_mm - permit.clear_mm(first_mm));
         let (way_mm, speed_mm_s) = (way_mm(self.place, next), self.usage.speed_mm_s);
         let travel_s = MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s();
-        let due_after = seconds(retraction.duration_s() + travel_s);
+        let travel_due_after = self.due_after(travel_s);
+        let due_after = self.due_after(retraction.duration_s()) + travel_due_after;
         let (orders, force_n, clear, due) =
             (MotionOrders::default(), Cell::new(f64::NAN), Cell::new(false), Cell::new(None));
         let touch_n = permit.detect_n();
         // a slow cell shows the contact long after z has left it
-        let heard_s = self.timing.settle_s + CONVERSIONS_HEARD * self.timing.conversion_s;
-        let ends_after = seconds(retraction.duration_s() + heard_s);
+        let (heard, rests) = (Cell::new(0u32), Cell::new(None));
+        let rests_after = seconds(retraction.duration_s() + self.timing.settle_s);
         let up = AxisWay::between(Axis::Z, self.stage_z_mm(self.z_mm), target_mm);
         let sideways_ways = self.ways_to(&sideways);
         let stage = &mut self.stage;
@@ -130,6 +134,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             stage.begin(&[up], granted.speed_mm_s(), &orders).await?;
             let begun = Instant::now();
             due.set(Some(begun + due_after));
+            rests.set(Some(begun + rests_after));
+            let mut ends = begun + seconds(retraction.duration_s());
             tokio::select! {
                 biased;
                 () = orders.pulled().notified() => {}
@@ -137,13 +143,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             }
             let mut refused = None;
             while !orders.stopped() {
-                let has_ended = begun.elapsed() > ends_after;
+                let has_ended = heard.get() >= READINGS_HEARD;
                 let z_mm = frame.z_from_stage(stage.position_mm(Axis::Z, &orders).await?);
                 match permit.sideways(z_mm, first_mm, force_n.get()) {
                     Ok(leave) if !orders.stopped() => {
                         clear.set(true);
                         begin_sideways(stage, leave, &sideways_ways, speed_mm_s, &orders).await?;
-                        due.set(Some(Instant::now() + seconds(travel_s)));
+                        due.set(Some(Instant::now() + travel_due_after));
+                        ends = ends.max(Instant::now() + seconds(travel_s));
                         refused = None;
                         break;
                     }
@@ -155,7 +162,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
                 }
                 sleep(LOOK_EVERY).await;
             }
-            let places_mm = stage.follow(&[Axis::X, Axis::Y, Axis::Z], Duration::ZERO, &orders).await?;
+            let left = ends.duration_since(Instant::now()).saturating_sub(ASKED_BEFORE);
+            let places_mm = stage.follow(&[Axis::X, Axis::Y, Axis::Z], left, &orders).await?;
             Ok((places_mm, refused))
         });
         self.no_load_outputs = OutputMeans::default();
@@ -170,6 +178,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             // two readings make a force: a single outlier starts no sideways motion
             let mean_n = watched_cell.watch.mean_n().unwrap_or(now_n);
             force_n.set(mean_n);
+            if rests.get().is_some_and(|rests| Instant::now() >= rests) {
+                heard.set(heard.get() + 1);
+            }
             // a tool that x and y accelerate is read sideways, which is no zero
             if clear.get() && watched_cell.side_n.is_none() && !watched_cell.is_no_load_open() {
                 watched_cell.begin_no_load();
@@ -260,7 +271,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     ) -> Result<Driven, Halt> {
         let expected = seconds(MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s());
         let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
-        let due_after = expected.mul_f64(1.0 + LATE_SHARE) + seconds(self.usage.abilities.late_s);
+        let due_after = self.due_after(expected.as_secs_f64());
         let begun = Cell::new(Instant::now());
         let (orders, due) = (MotionOrders::default(), Cell::new(Some(begun.get() + due_after)));
         let (ends, ways) = (Cell::new(None), self.ways_to(targets));
@@ -291,6 +302,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             .min(Instant::now());
         self.cell.settled = ended + seconds(self.timing.settle_s);
         Ok(Driven { places_mm, stopped })
+    }
+
+    /// Returns the time after which a motion of some seconds is late.
+    fn due_after(&self, expected_s: f64) -> Duration {
+        seconds((1.0 + LATE_SHARE) * expected_s + self.usage.abilities.late_s)
     }
 
     /// Returns the halt for a force that appeared while x and y moved, so that nothing is dragged along.
@@ -407,7 +423,7 @@ async fn watch_until<C: LoadCell>(
 ) -> Result<(), Halt> {
     while !ended.get() {
         let heard = {
-            let silent_after = seconds(STALE_S) + watched_cell.cell.conversion();
+            let silent_after = seconds(watched_cell.watch.zero().stale_s()) + watched_cell.cell.conversion();
             let heard = watched_cell.force_n();
             tokio::pin!(heard);
             match timeout(silent_after, &mut heard).await {

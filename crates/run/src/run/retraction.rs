@@ -253,16 +253,31 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
 
     /// Retracts at any force, whether or not the load cell answers. It is used for parking, when the load cell may have failed.
     ///
-    /// A force that rises stops the motion, because z may move the wrong way. It continues if z was read back going away and the
-    /// outputs fall: then the load cell shows an old rise. Where the array shows nothing, z goes a short distance farther and stops.
+    /// A force that rises stops the motion, because z may move the wrong way. It continues if z was read back going deeper, which was
+    /// somebody else, or going away while the outputs fall: then the load cell shows an old rise. Where the array shows nothing, z goes a short distance farther and stops.
     async fn retract_at_any_force(&mut self, z_mm: f64, may_press: bool) -> Result<(), Halt> {
         let is_freed = may_press && self.free_the_tip().await?;
-        self.read_back_z().await?;
+        self.see_z().await?;
         if is_freed && self.z_mm <= z_mm {
             // the place is lost: it counts above the specimen where the tip pressed
             return self.retract_against_rises(self.z_mm - FREED_MM).await;
         }
         self.retract_against_rises(z_mm).await
+    }
+
+    /// Reads z back. A printer answers at the end of a motion, of anybody's: if the force continues to rise beyond the limit meanwhile, the stage
+    /// takes its last resort.
+    async fn see_z(&mut self) -> Result<(), Halt> {
+        let (RigControl { stage, cell, .. }, orders) = (&mut *self, MotionOrders::default());
+        let at_mm = match unless_it_presses_on(cell, stage.position_mm(Axis::Z, &orders)).await {
+            Some(at_mm) => at_mm?,
+            None => {
+                self.abort().await?;
+                self.stage.position_mm(Axis::Z, &orders).await?
+            }
+        };
+        self.z_mm = self.frame.z_from_stage(at_mm);
+        Ok(())
     }
 
     async fn retract_against_rises(&mut self, z_mm: f64) -> Result<(), Halt> {
@@ -277,10 +292,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
                 return Err(halt);
             }
             self.stop_or_abort().await?;
-            self.read_back_z().await?;
-            let is_away = from_mm - self.z_mm > self.usage.steps.in_position_mm(Axis::Z);
+            self.see_z().await?;
+            let most_mm = self.usage.steps.in_position_mm(Axis::Z);
+            let (is_away, is_deeper) = (from_mm - self.z_mm > most_mm, self.z_mm - from_mm > most_mm);
             let now = self.felt().await;
             match (felt, now) {
+                // somebody else moved it, and the force agrees with its count
+                _ if is_deeper => {}
                 (Some(before), Some(now)) if is_away && now < FALLEN_SHARE * before => {}
                 (None, None) if is_away => {
                     self.retract_once((self.z_mm - SPARE_MM).max(z_mm), false).await?;
@@ -302,7 +320,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         };
         let mut piece_mm = FIRST_PIECE_MM;
         for _ in 0..PIECES_MAX {
-            self.read_back_z().await?;
+            self.see_z().await?;
             match self.retract_against_rises(self.z_mm - piece_mm).await {
                 // z is read back before each piece, so its end needn't be exact
                 Err(Halt::Device(DeviceError { problem: DeviceProblem::Coarse(_), .. })) => {}
