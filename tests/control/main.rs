@@ -17,6 +17,7 @@ mod machine;
 mod printer;
 mod reaction;
 mod safety;
+mod sound_runs;
 mod spring_world;
 mod tilt;
 mod trips;
