@@ -18,6 +18,7 @@ mod printer;
 mod reaction;
 mod safety;
 mod slow_lines;
+mod sound_runs;
 mod spring_world;
 mod tilt;
 mod trips;

@@ -42,6 +42,11 @@ impl Steps {
         IN_POSITION_MM + self.along(axis) / 2.0 + NOISE_SIGMAS * self.noise_mm
     }
 
+    /// Largest distance of two read-backs of an axis at rest, mm: each is that near to where it rests.
+    pub fn at_rest_mm(&self, axis: Axis) -> f64 {
+        2.0 * self.in_position_mm(axis)
+    }
+
     /// Distance by which z may end deeper than its target, added to the possible error of its read-back, mm. Zero on a fine stage.
     pub fn reserve_mm(&self) -> f64 {
         let step_mm = self.along(Axis::Z);

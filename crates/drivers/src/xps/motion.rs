@@ -16,6 +16,9 @@ const TAKEN_DEADLINE: Duration = Duration::from_secs(1);
 /// Largest distance of a read-back from the setpoint, mm: what the mechanics lack at rest.
 const SENT_MM: f64 = 0.02;
 
+/// Longest wait for the answer to an aborted motion. Then the group's status shows its result.
+const ABORTED_ANSWER_DEADLINE: Duration = Duration::from_secs(1);
+
 /// Code with which an aborted motion is answered.
 const ABORTED: i32 = -27;
 
@@ -183,11 +186,16 @@ impl Xps {
             if which.iter().all(|&nth| self.groups[nth].under_way.is_none()) {
                 return Ok(Some(()));
             }
+            let is_aborted = |nth: &usize| self.groups[*nth].under_way.as_ref().is_none_or(|motion| motion.aborted);
+            let are_aborted = which.iter().all(is_aborted);
+            let by = if are_aborted { until.min(Instant::now() + ABORTED_ANSWER_DEADLINE) } else { until };
             tokio::select! {
                 biased;
                 () = orders.pulled().notified() => return Ok(None),
-                (nth, answer) = first_answer(&mut self.groups, which, doing, until) => match answer? {
+                (nth, answer) = first_answer(&mut self.groups, which, doing, by) => match answer? {
                     Some(answer) => self.ended(nth, doing, answer.code)?,
+                    // its answer was lost
+                    None if are_aborted => self.groups[nth].moves.close(),
                     None => {
                         self.stop().await?;
                         self.groups[nth].moves.close();

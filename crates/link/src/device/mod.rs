@@ -99,16 +99,15 @@ impl StageUse {
         }
     }
 
-    /// Checks that the axes rest where the ways begin, within a distance beyond that of an arrival, mm. The way out of a contact is open from
+    /// Checks that the axes rest where the ways begin, within a distance beyond that of two read-backs, mm. The way out of a contact is open from
     /// anywhere.
     ///
     /// # Errors
     /// The axis that doesn't: somebody else moved it, or its controller lost the place.
     pub fn check_rest(&self, ways: &[AxisWay], at_mm: [f64; 3], more_mm: f64) -> Result<(), DeviceProblem> {
         // written as the positive condition, so NaN fails
-        let rests = |way: &AxisWay| {
-            (at_mm[way.axis.index()] - way.from_mm).abs() <= self.steps.in_position_mm(way.axis) + more_mm
-        };
+        let rests =
+            |way: &AxisWay| (at_mm[way.axis.index()] - way.from_mm).abs() <= self.steps.at_rest_mm(way.axis) + more_mm;
         match ways.iter().find(|way| !rests(way)).filter(|_| !self.is_leaving(ways)) {
             None => Ok(()),
             Some(AxisWay { axis, from_mm, .. }) => {
@@ -181,7 +180,7 @@ impl AxisWay {
 pub struct RestPlace {
     /// Positions of x, y and z, mm.
     pub at_mm: [f64; 3],
-    /// How far they may be off at rest, beyond an arrival, mm.
+    /// How far they may be off beyond what two read-backs at rest differ by, mm.
     pub uncertainty_mm: f64,
 }
 

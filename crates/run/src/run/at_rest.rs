@@ -15,9 +15,6 @@ use tokio::sync::Notify;
 /// Interval of the questions.
 const ASKED_EVERY: Duration = Duration::from_secs(1);
 
-/// Distance at which z has left its place, in distances within which a motion arrives: two read-backs differ by that much at most.
-const PLACES: f64 = 2.0;
-
 /// Where z came to rest, stage coordinates, mm, and how far a later read-back may be from it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AtRest {
@@ -84,7 +81,7 @@ impl AtRest {
 impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Returns where z rests now.
     pub(super) fn at_rest(&self) -> AtRest {
-        AtRest { z_mm: self.stage_z_mm(self.z_mm), most_mm: PLACES * self.usage.steps.in_position_mm(Axis::Z) }
+        AtRest { z_mm: self.stage_z_mm(self.z_mm), most_mm: self.usage.steps.at_rest_mm(Axis::Z) }
     }
 
     /// Reads the force for this time, s, in contact at rest.

@@ -1,0 +1,155 @@
+//! What a stage receives in a sound run, and its read-back while it rests.
+
+use palpate_core::quantity::Axis;
+use palpate_run::rig::SimulatedRig;
+use palpate_sim::emulator::{Instrument, Owed, Shared};
+use palpate_sim::scene::{Scene, SceneDevice, Trajectory};
+use std::f64::consts::TAU;
+use std::sync::{Arc, Mutex};
+use tokio::sync::Notify;
+
+/// What a family has on its wire.
+#[derive(Clone, Copy)]
+pub(super) struct Wire {
+    /// Number of last resorts among what the stage received, without questions.
+    pub(super) aborts: fn(&[Vec<u8>]) -> usize,
+    /// Whether this only asks where the stage is.
+    is_question: fn(&[u8]) -> bool,
+}
+
+pub(super) const MARLIN: Wire =
+    Wire { aborts: |all| count(all, b"M410"), is_question: |bytes| has(bytes, b"M114") || has(bytes, b"M400") };
+pub(super) const GRBL: Wire = Wire { aborts: |all| count(all, b"!"), is_question: |bytes| bytes == b"?" };
+pub(super) const KLIPPER: Wire = Wire {
+    aborts: |all| count(all, b"printer.emergency_stop"),
+    is_question: |bytes| has(bytes, b"printer.objects.query"),
+};
+pub(super) const ESP301: Wire = Wire {
+    aborts: |all| all.iter().filter(|bytes| bytes.trim_ascii() == b"AB").count(),
+    is_question: |bytes| bytes.trim_ascii() == b"3TP",
+};
+/// A group is killed and initialised before it homes.
+pub(super) const XPS: Wire = Wire {
+    aborts: |all| count(all, b"GroupKill").saturating_sub(count(all, b"GroupInitialize")),
+    is_question: |bytes| bytes.starts_with(b"GroupPositionCurrentGet"),
+};
+/// The dashboard has a port of its own. A package of RTDE begins with its length, which is small.
+pub(super) const ARM: Wire = Wire {
+    aborts: |all| all.iter().filter(|bytes| bytes.trim_ascii() == b"stop").count(),
+    is_question: |bytes| bytes.first() == Some(&0),
+};
+/// Its last resort is one more stop.
+pub(super) const PROGRAM: Wire = Wire {
+    aborts: |all| all.windows(2).filter(|two| two.iter().all(|bytes| has(bytes, b"\"stop\""))).count(),
+    is_question: |bytes| has(bytes, b"\"status\""),
+};
+
+/// A read-back that wanders while z rests in contact.
+#[derive(Clone, Copy)]
+pub(super) struct Wander {
+    pub(super) amplitude_mm: f64,
+    pub(super) period_s: f64,
+}
+
+impl Wander {
+    /// The scene as the read-back has it; `None` if z moves, or is free.
+    fn shown(self, scene: &Scene, now_s: f64) -> Option<Scene> {
+        let (z, mut shown) = (scene.motion(Axis::Z), scene.clone());
+        if z.moving(now_s) || shown.true_force_n(now_s) == 0.0 {
+            return None;
+        }
+        let by_mm = self.amplitude_mm * (TAU * (now_s - z.end_s()) / self.period_s).sin();
+        shown.set_motion(Axis::Z, Trajectory::at_rest(z.end_mm() + by_mm), now_s);
+        Some(shown)
+    }
+}
+
+/// What the stage received beside questions, and when the last of it came, s.
+#[derive(Default)]
+pub(super) struct Seen {
+    pub(super) received: Vec<Vec<u8>>,
+    last_s: f64,
+}
+
+/// Notes what a link of the stage receives, and lets its read-back wander.
+struct Tap {
+    stage: Shared<dyn Instrument>,
+    wire: Wire,
+    wander: Option<Wander>,
+    seen: Shared<Seen>,
+}
+
+/// Time after which what a stage received has begun, s.
+const BEGUN_S: f64 = 0.2;
+
+impl Tap {
+    fn of(&self, stage: Shared<dyn Instrument>) -> Shared<dyn Instrument> {
+        Arc::new(Mutex::new(Tap { stage, wire: self.wire, wander: self.wander, seen: self.seen.clone() }))
+    }
+
+    /// Lets the stage act: on the scene as its read-back has it, if nothing can begin a motion.
+    fn act<T>(&self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut dyn Instrument, &mut Scene) -> T) -> T {
+        let rests = now_s > self.seen.lock().expect("a device that lives").last_s + BEGUN_S;
+        let shown = self.wander.filter(|_| rests).and_then(|wander| wander.shown(scene, now_s));
+        let mut stage = self.stage.lock().expect("a device that lives");
+        match shown {
+            Some(mut shown) => act(&mut *stage, &mut shown),
+            None => act(&mut *stage, scene),
+        }
+    }
+}
+
+impl Instrument for Tap {
+    fn device(&self) -> SceneDevice {
+        SceneDevice::Stage
+    }
+
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        self.stage.lock().expect("a device that lives").take_request(inbox)
+    }
+
+    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        if !(self.wire.is_question)(request) {
+            let mut seen = self.seen.lock().expect("a device that lives");
+            seen.received.push(request.to_vec());
+            seen.last_s = now_s;
+        }
+        self.act(scene, now_s, |stage, scene| stage.answer(request, scene, now_s))
+    }
+
+    fn deaf_until_s(&self) -> f64 {
+        self.stage.lock().expect("a device that lives").deaf_until_s()
+    }
+
+    fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
+        let own = self.stage.lock().expect("a device that lives").accept()?;
+        Some(self.of(own))
+    }
+
+    fn at_port(&self, port: u16) -> Option<Shared<dyn Instrument>> {
+        let other = self.stage.lock().expect("a device that lives").at_port(port)?;
+        Some(self.of(other))
+    }
+
+    fn bell(&self) -> Option<Arc<Notify>> {
+        self.stage.lock().expect("a device that lives").bell()
+    }
+
+    fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
+        self.act(scene, now_s, |stage, scene| stage.owed(scene, now_s))
+    }
+}
+
+/// Taps the links of a rig's stage.
+pub(super) fn tap(rig: &mut SimulatedRig, wire: Wire, wander: Option<Wander>, seen: &Shared<Seen>) {
+    let stage = rig.stage.instrument().expect("it has a link").clone();
+    rig.stage.replace(Arc::new(Mutex::new(Tap { stage, wire, wander, seen: seen.clone() })));
+}
+
+fn has(bytes: &[u8], word: &[u8]) -> bool {
+    bytes.windows(word.len()).any(|window| window == word)
+}
+
+fn count(all: &[Vec<u8>], word: &[u8]) -> usize {
+    all.iter().filter(|bytes| has(bytes, word)).count()
+}
