@@ -39,6 +39,9 @@ const JOG_BEFORE_S: f64 = 4.0;
 const TAUGHT_EVERY: u32 = 4;
 const TAUGHT_PRESSES: usize = 9;
 
+/// Largest part of the sound runs that a touch of few mN may end, which moves the outputs of an array in counts before the load cell.
+const LIGHT_MOST: f64 = 0.01;
+
 #[test]
 fn sound_runs_of_printers_are_complete_without_the_last_resort() {
     MARLIN.runs(wire::MARLIN, RUNS);
@@ -200,8 +203,13 @@ impl<K: Copy + Debug + Send + Sync> Family<K> {
     }
 
     fn must_be_sound<D: Debug>(&self, draws: &[D], outcomes: &[SoundOutcome]) {
-        let is_sound =
-            |outcome: &SoundOutcome| outcome.text.is_none() && outcome.force_n <= LIMIT_N && outcome.aborts == 0;
+        let is_light =
+            |outcome: &SoundOutcome| outcome.text.as_ref().is_some_and(|text| text.starts_with("outputs-moved"));
+        let is_sound = |outcome: &SoundOutcome| {
+            (outcome.text.is_none() || is_light(outcome)) && outcome.force_n <= LIMIT_N && outcome.aborts == 0
+        };
+        let light = outcomes.iter().filter(|outcome| is_light(outcome)).count();
+        assert!(light as f64 <= LIGHT_MOST * outcomes.len() as f64, "{}: {light} touches ended a run", self.rig);
         let broken = draws.iter().zip(outcomes).filter(|(_, outcome)| !is_sound(outcome));
         must_be_none(&broken.map(|(draw, outcome)| format!("{} {draw:?}: {outcome:?}", self.rig)).collect::<Vec<_>>());
     }

@@ -25,9 +25,6 @@ const MOVED: f64 = 1.5;
 /// The same for an arm, whose noise counts too.
 const ARM_MOVED: f64 = 3.0;
 
-/// Distance at which it is said to have moved, in distances within which a motion arrives.
-const PLACES: f64 = 2.0;
-
 /// How much farther than it is a GRBL reports its place, mm: half a step of 1.25 um at the target and at the place, and half the last decimal.
 const GRBL_ROUNDING_MM: f64 = 0.00175;
 
@@ -94,7 +91,7 @@ impl<K: Copy + Debug + Send + Sync> Family<K> {
         let is_short = campaign::is_quick() || share > 1.0;
         let period_s = if is_short { PERIOD_S.start } else { stream(seed, 0, "sound holds").random_range(PERIOD_S) };
         let rounding_mm = if self.rig == GRBL.rig { GRBL_ROUNDING_MM } else { 0.0 };
-        let amplitude_mm = share * PLACES * spec.stage.steps.in_position_mm(Axis::Z) - rounding_mm;
+        let amplitude_mm = share * spec.stage.steps.at_rest_mm(Axis::Z) - rounding_mm;
         let seen = Shared::default();
         let plan = plan(&spec, &text, seed);
         let run = executed_with(&spec, &plan, Deaths::Ignored, &|rig| {
