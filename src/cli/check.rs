@@ -445,7 +445,7 @@ fn last_resort(rig: &RigSpec) -> String {
     }
     let (stage, limits) = (&rig.stage, &rig.limits);
     let beyond_n = LAST_RESORT_SHARE * limits.force_n;
-    let another = "  a motion that goes on after a stop, as another host can command it:\n";
+    let another = "  a motion that continues after a stop, as another host can command:\n";
     let text = match stage.driver.last_resort() {
         LastResort::CutsPower(what) if !stage.z_holds_unpowered => {
             return format!("{another}  {what} would end it, and isn't sent without `z_holds_unpowered = true`\n");
@@ -456,7 +456,7 @@ fn last_resort(rig: &RigSpec) -> String {
     let reaction_s = 2.0 / rig.load_cell.conversions_hz + EXCHANGES_S[1] + rig.load_cell.lag_s;
     let (v, a) = (stage.speed_mm_s, stage.acceleration_mm_s2);
     let most_n = beyond_n + limits.stiffness_n_mm * (v * reaction_s + v * v / (2.0 * a));
-    format!("{another}  from {} N on {text} ends it, at some {most_n:.1} N if it has {v} mm/s\n", round(beyond_n, 3))
+    format!("{another}  from {} N on {text} ends it; one of {v} mm/s reaches some {most_n:.1} N\n", round(beyond_n, 3))
 }
 
 /// Describes how the longest drag of the plan can end; nothing without a drag.

@@ -166,18 +166,22 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
             note_trip(runner.ledger, &ending, runner.pressing, peaks, clock.now_s());
             let is_fault = ending.halt.as_ref().is_some_and(Halt::is_fault);
             let park_mm = if is_fault { spec.top_mm() } else { runner.park_mm() };
+            let pressed_n = runner.rig_control.largest().map_or(0.0, |largest| largest.force_n);
             ending.unparked = runner.rig_control.leave(ending.halt.as_ref(), park_mm, &spec.limits).await.err();
+            // nothing else tells of a force on the way to park, which is no part of a press
+            let most_n = pressed_n.max(LAST_RESORT_SHARE * spec.limits.force_n);
+            let over_n =
+                runner.rig_control.largest().map(|largest| largest.force_n).filter(|force_n| *force_n > most_n);
+            if let (None, Some(over_n)) = (&ending.halt, over_n) {
+                ending.halt = Some(Trip::new(SafetyRule::OverForce, over_n, spec.limits.force_n, "N").into());
+                note_trip(runner.ledger, &ending, None, None, clock.now_s());
+            }
             if ending.halt.is_some() || ending.unparked.is_some() {
                 let doubted = ending.unparked.as_ref().or(ending.halt.as_ref());
                 ending.remaining = runner.rig_control.remaining(doubted).await;
                 ending.largest = runner.rig_control.largest();
             } else {
                 ending.cell = runner.weigh_after().await;
-                // nothing else tells of a force on the way to park, which is no part of a press
-                let (largest, limit_n) = (runner.rig_control.largest(), spec.limits.force_n);
-                if let Some(over) = largest.filter(|largest| largest.force_n > LAST_RESORT_SHARE * limit_n) {
-                    ending.halt = Some(Trip::new(SafetyRule::OverForce, over.force_n, limit_n, "N").into());
-                }
             }
         }
         Err(halt) => {
