@@ -456,7 +456,7 @@ fn last_resort(rig: &RigSpec) -> String {
     let reaction_s = 2.0 / rig.load_cell.conversions_hz + EXCHANGES_S[1] + rig.load_cell.lag_s;
     let (v, a) = (stage.speed_mm_s, stage.acceleration_mm_s2);
     let most_n = beyond_n + limits.stiffness_n_mm * (v * reaction_s + v * v / (2.0 * a));
-    format!("{another}  from {} N on {text} ends it; one of {v} mm/s reaches some {most_n:.1} N\n", round(beyond_n, 3))
+    format!("{another}  from {} N on {text} ends it; {v} mm/s reaches some {most_n:.1} N\n", round(beyond_n, 3))
 }
 
 /// Describes how the longest drag of the plan can end; nothing without a drag.

@@ -50,9 +50,9 @@ fn check_states_what_ends_a_motion_of_another_host() {
     for (rig, expected) in [
         ("sim", "AB would end it, and isn't sent without `z_holds_unpowered = true`"),
         ("klipper", "emergency_stop would end it, and isn't sent without `z_holds_unpowered = true`"),
-        ("marlin", "from 2.2 N on M410 ends it; one of 5 mm/s reaches some 3.7 N"),
-        ("matrix", "from 2.2 N on a feed hold and a reset ends it; one of 10 mm/s reaches some 6.4 N"),
-        ("ur", "from 2.2 N on the dashboard's stop ends it; one of 20 mm/s reaches some 8.6 N"),
+        ("marlin", "from 2.2 N on M410 ends it; 5 mm/s reaches some 3.7 N"),
+        ("matrix", "from 2.2 N on a feed hold and a reset ends it; 10 mm/s reaches some 6.4 N"),
+        ("ur", "from 2.2 N on the dashboard's stop ends it; 20 mm/s reaches some 8.6 N"),
         ("process", "from 2.2 N on its stop ends it"),
     ] {
         let bench =
