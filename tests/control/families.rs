@@ -45,8 +45,7 @@ pub(crate) struct Family<K: 'static> {
 impl<K> Family<K> {
     /// Returns its rig, simulated.
     pub(crate) fn spec(&self) -> RigSpec {
-        let text = shipped_text(self.rig);
-        rig::parse(self.rig, &text, &|_| unreachable!("no map of its own")).expect("the shipped rig").simulated()
+        shipped_rig(self.rig)
     }
 
     /// Returns its rig with a specimen without relaxation.
@@ -88,6 +87,12 @@ pub(crate) const XPS: Family<XpsFaultKind> = Family { rig: "rigs/xps.toml", stag
 pub(crate) const ARM: Family<UrFaultKind> = Family { rig: "rigs/ur.toml", stage: arm, z_holds: false, begins_s: 0.2 };
 pub(crate) const PROGRAM: Family<ProcessStageFaultKind> =
     Family { rig: "rigs/process.toml", stage: program, z_holds: false, begins_s: 0.0 };
+
+/// Returns a shipped rig, simulated.
+pub(crate) fn shipped_rig(path: &str) -> RigSpec {
+    let text = shipped_text(path);
+    rig::parse(path, &text, &|_| unreachable!("no map of its own")).expect("the shipped rig").simulated()
+}
 
 /// Returns the faults at a time, and those after a number of bytes.
 fn faults<K>(fault: Option<(When, K)>) -> (Vec<DeviceFault<K>>, Vec<FaultAfterBytes<K>>) {

@@ -1,10 +1,11 @@
 //! A link that is slower than its load cell, a slow load cell, and a slow stage: a sound rig completes its run.
 
+use super::families::{ARM, ESP301, GRBL, KLIPPER, MARLIN, PROGRAM, XPS, shipped_rig};
 use palpate_control::Strategy;
 use palpate_core::quantity::{Axis, Place};
-use palpate_run::rig::{self, RigSpec};
+use palpate_run::rig::RigSpec;
+use palpate_testing::campaign;
 use palpate_testing::executions::{BENCHES, bench, executed, in_parallel, must_be_none, plan};
-use palpate_testing::{campaign, shipped_text};
 
 /// Presses of a run: quick, and full.
 const PRESSES: (usize, usize) = (6, 25);
@@ -23,8 +24,7 @@ const SPEEDS_MM_S: [f64; 2] = [1.0, 0.2];
 const SEEDS: u64 = 5;
 
 fn strategies() -> Vec<Strategy> {
-    let all = [Strategy::Guarded, Strategy::Velocity, Strategy::Map];
-    all.into_iter().step_by(campaign::every(all.len(), 1)).collect()
+    Strategy::ALL.into_iter().step_by(campaign::every(Strategy::ALL.len(), 1)).collect()
 }
 
 /// Runs some presses at random places, or at given ones, and returns what isn't complete.
@@ -86,19 +86,14 @@ fn a_run_completes_on_any_link_that_its_load_cell_is_quicker_than() {
 fn a_run_completes_with_a_slow_load_cell() {
     let rates = &RATES_HZ[..campaign::size(1, RATES_HZ.len())];
     must_complete(rates, |hz| {
-        let mut spec = shipped_rig("sim");
+        let mut spec = shipped_rig("rigs/sim.toml");
         spec.load_cell.conversions_hz = hz;
         (format!("{hz} Hz"), spec)
     });
 }
 
-/// Shipped rigs, one of each family of stages. In the quick tier the first one.
-const RIGS: [&str; 7] = ["esp301", "matrix", "marlin", "klipper", "ur", "xps", "process"];
-
-fn shipped_rig(name: &str) -> RigSpec {
-    let text = shipped_text(&format!("rigs/{name}.toml"));
-    rig::parse(name, &text, &|_| unreachable!("no map of its own")).expect("the shipped rig").simulated()
-}
+/// One shipped rig of each family of stages. In the quick tier the first one.
+const RIGS: [&str; 7] = [ESP301.rig, GRBL.rig, MARLIN.rig, KLIPPER.rig, ARM.rig, XPS.rig, PROGRAM.rig];
 
 #[test]
 fn a_run_completes_on_a_slow_stage() {
@@ -118,7 +113,7 @@ fn a_run_completes_on_a_slow_stage() {
 
 #[test]
 fn a_run_completes_on_a_long_way() {
-    let mut spec = shipped_rig("matrix");
+    let mut spec = shipped_rig(GRBL.rig);
     let travel = &mut spec.stage.travel.axes[Axis::X.index()];
     travel.min = travel.max - 150.0;
     spec.frame.origin.x_mm = (travel.min + travel.max) / 2.0;

@@ -1,6 +1,7 @@
 //! Runs in virtual time on a bench, with their true values from the first message until after the end. They are observed at the stage's far
 //! end: only a message to the stage changes a motion, so the time between two messages follows from a copy of the scene.
 
+use super::observed::{Observer, observed};
 use super::{campaign, exchanged};
 use palpate_core::quantity::Axis;
 use palpate_data::dataset::Memory;
@@ -11,12 +12,11 @@ use palpate_link::time::{Instant, sleep, timeout};
 use palpate_run::rig::{self, RigSpec, SimulatedRig};
 use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, execute_on};
 use palpate_sim::emulator::{Instrument, Owed, Shared};
-use palpate_sim::scene::{Scene, SceneDevice, Truth};
+use palpate_sim::scene::{Scene, Truth};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
-use tokio::sync::Notify;
 
 /// The benches, by name.
 pub const BENCHES: [(&str, &str); 2] = [
@@ -202,7 +202,7 @@ pub fn executed_until(
         let scene = rig.scene.clone();
         let stage = rig.stage.instrument().expect("it has a link").clone();
         let watched = Arc::new(Mutex::new(Watched { deaths, left: None, seen: ExecutionSeen::default() }));
-        rig.stage.replace(Arc::new(Mutex::new(Eye { stage, watched: watched.clone() })));
+        rig.stage.replace(observed(stage, Eye { watched: watched.clone() }));
         let (mut ledger, cancel, began) = (Memory::default(), Cancel::default(), Instant::now());
         let rig = spec.open_on(rig).expect("drivers");
         let job = RunJob { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
@@ -254,9 +254,9 @@ pub fn end_of(ending: &Ending) -> &'static str {
     }
 }
 
-/// Observes one link of the stage, and the true values.
+/// Observes the links of the stage, and the true values.
+#[derive(Clone)]
 struct Eye {
-    stage: Shared<dyn Instrument>,
     watched: Shared<Watched>,
 }
 
@@ -286,15 +286,11 @@ impl Watched {
 }
 
 impl Eye {
-    fn of(&self, stage: Shared<dyn Instrument>) -> Shared<dyn Instrument> {
-        Arc::new(Mutex::new(Eye { stage, watched: self.watched.clone() }))
-    }
-
     /// Lets the stage act on the scene, and looks whether a motion began or changed.
-    fn watch<T>(&self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut dyn Instrument, &mut Scene) -> T) -> T {
+    fn watch<T>(&self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut Scene) -> T) -> T {
         let motions = |scene: &Scene| Axis::ALL.map(|axis| scene.motion(axis).clone());
         let before = motions(scene);
-        let acted = act(&mut *self.stage.lock().expect("a device that lives"), scene);
+        let acted = act(scene);
         let mut watched = self.watched.lock().expect("a device that lives");
         if watched.left.is_none() || motions(scene) != before {
             watched.look(now_s);
@@ -306,17 +302,9 @@ impl Eye {
     }
 }
 
-impl Instrument for Eye {
-    fn device(&self) -> SceneDevice {
-        SceneDevice::Stage
-    }
-
-    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-        self.stage.lock().expect("a device that lives").take_request(inbox)
-    }
-
-    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
-        let reply = self.watch(scene, now_s, |stage, scene| stage.answer(request, scene, now_s));
+impl Observer for Eye {
+    fn answer(&self, stage: &mut dyn Instrument, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        let reply = self.watch(scene, now_s, |scene| stage.answer(request, scene, now_s));
         let mut watched = self.watched.lock().expect("a device that lives");
         watched.seen.messages += 1;
         watched.seen.bytes += request.len() as u64;
@@ -326,26 +314,8 @@ impl Instrument for Eye {
         reply
     }
 
-    fn deaf_until_s(&self) -> f64 {
-        self.stage.lock().expect("a device that lives").deaf_until_s()
-    }
-
-    fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
-        let own = self.stage.lock().expect("a device that lives").accept()?;
-        Some(self.of(own))
-    }
-
-    fn at_port(&self, port: u16) -> Option<Shared<dyn Instrument>> {
-        let other = self.stage.lock().expect("a device that lives").at_port(port)?;
-        Some(self.of(other))
-    }
-
-    fn bell(&self) -> Option<Arc<Notify>> {
-        self.stage.lock().expect("a device that lives").bell()
-    }
-
-    fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
-        self.watch(scene, now_s, |stage, scene| stage.owed(scene, now_s))
+    fn owed(&self, stage: &mut dyn Instrument, scene: &mut Scene, now_s: f64) -> Owed {
+        self.watch(scene, now_s, |scene| stage.owed(scene, now_s))
     }
 }
 

@@ -10,6 +10,7 @@ pub mod characteristics;
 pub mod executions;
 pub mod interrupted;
 pub mod mutation;
+pub mod observed;
 pub mod phases;
 pub mod printed;
 pub mod python;

@@ -3,10 +3,9 @@
 use palpate_core::quantity::Axis;
 use palpate_run::rig::SimulatedRig;
 use palpate_sim::emulator::{Instrument, Owed, Shared};
-use palpate_sim::scene::{Scene, SceneDevice, Trajectory};
+use palpate_sim::scene::{Scene, Trajectory};
+use palpate_testing::observed::{Observer, observed};
 use std::f64::consts::TAU;
-use std::sync::{Arc, Mutex};
-use tokio::sync::Notify;
 
 /// What a family has on its wire.
 #[derive(Clone, Copy)]
@@ -71,9 +70,9 @@ pub(super) struct Seen {
     last_s: f64,
 }
 
-/// Notes what a link of the stage receives, and lets its read-back wander.
+/// Notes what the links of the stage receive, and lets its read-back wander.
+#[derive(Clone)]
 struct Tap {
-    stage: Shared<dyn Instrument>,
     wire: Wire,
     wander: Option<Wander>,
     seen: Shared<Seen>,
@@ -83,67 +82,36 @@ struct Tap {
 const BEGUN_S: f64 = 0.2;
 
 impl Tap {
-    fn of(&self, stage: Shared<dyn Instrument>) -> Shared<dyn Instrument> {
-        Arc::new(Mutex::new(Tap { stage, wire: self.wire, wander: self.wander, seen: self.seen.clone() }))
-    }
-
     /// Lets the stage act: on the scene as its read-back has it, if nothing can begin a motion.
-    fn act<T>(&self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut dyn Instrument, &mut Scene) -> T) -> T {
+    fn act<T>(&self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut Scene) -> T) -> T {
         let rests = now_s > self.seen.lock().expect("a device that lives").last_s + BEGUN_S;
         let shown = self.wander.filter(|_| rests).and_then(|wander| wander.shown(scene, now_s));
-        let mut stage = self.stage.lock().expect("a device that lives");
         match shown {
-            Some(mut shown) => act(&mut *stage, &mut shown),
-            None => act(&mut *stage, scene),
+            Some(mut shown) => act(&mut shown),
+            None => act(scene),
         }
     }
 }
 
-impl Instrument for Tap {
-    fn device(&self) -> SceneDevice {
-        SceneDevice::Stage
-    }
-
-    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
-        self.stage.lock().expect("a device that lives").take_request(inbox)
-    }
-
-    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+impl Observer for Tap {
+    fn answer(&self, stage: &mut dyn Instrument, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
         if !(self.wire.is_question)(request) {
             let mut seen = self.seen.lock().expect("a device that lives");
             seen.received.push(request.to_vec());
             seen.last_s = now_s;
         }
-        self.act(scene, now_s, |stage, scene| stage.answer(request, scene, now_s))
+        self.act(scene, now_s, |scene| stage.answer(request, scene, now_s))
     }
 
-    fn deaf_until_s(&self) -> f64 {
-        self.stage.lock().expect("a device that lives").deaf_until_s()
-    }
-
-    fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
-        let own = self.stage.lock().expect("a device that lives").accept()?;
-        Some(self.of(own))
-    }
-
-    fn at_port(&self, port: u16) -> Option<Shared<dyn Instrument>> {
-        let other = self.stage.lock().expect("a device that lives").at_port(port)?;
-        Some(self.of(other))
-    }
-
-    fn bell(&self) -> Option<Arc<Notify>> {
-        self.stage.lock().expect("a device that lives").bell()
-    }
-
-    fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
-        self.act(scene, now_s, |stage, scene| stage.owed(scene, now_s))
+    fn owed(&self, stage: &mut dyn Instrument, scene: &mut Scene, now_s: f64) -> Owed {
+        self.act(scene, now_s, |scene| stage.owed(scene, now_s))
     }
 }
 
 /// Taps the links of a rig's stage.
 pub(super) fn tap(rig: &mut SimulatedRig, wire: Wire, wander: Option<Wander>, seen: &Shared<Seen>) {
     let stage = rig.stage.instrument().expect("it has a link").clone();
-    rig.stage.replace(Arc::new(Mutex::new(Tap { stage, wire, wander, seen: seen.clone() })));
+    rig.stage.replace(observed(stage, Tap { wire, wander, seen: seen.clone() }));
 }
 
 fn has(bytes: &[u8], word: &[u8]) -> bool {

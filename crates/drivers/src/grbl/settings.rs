@@ -117,9 +117,12 @@ impl ReportedSettings {
             warnings.extend(self.fast_search(usage));
             // FluidNC's configuration states what it counts at home (mpos_mm), and `$$` doesn't
             if build.firmware != GrblFirmware::FluidNc {
-                checks.extend(Axis::ALL.map(|axis| self.check_travel(build, axis, usage)));
-                let counts_mm = Axis::ALL.map(|axis| self.counts(build, axis).ok().map(|counts| counts.home_mm));
-                home_mm = counts_mm.iter().copied().collect::<Option<Vec<f64>>>().and_then(|mm| mm.try_into().ok());
+                let counts = Axis::ALL.map(|axis| self.counts(build, axis));
+                if let [Ok(x), Ok(y), Ok(z)] = &counts {
+                    home_mm = Some([x.home_mm, y.home_mm, z.home_mm]);
+                }
+                // the rig's travel is within what each axis counts
+                checks.extend(counts.map(|counts| counts?.misfit(usage).map_or(Ok(()), Err)));
             }
         }
         for axis in Axis::ALL {
@@ -199,11 +202,6 @@ impl ReportedSettings {
             usage.home_speed_mm_s,
             usage.home_speed_mm_s * 60.0
         ))
-    }
-
-    /// Checks that the rig's travel is within what an axis counts between home and its far end.
-    fn check_travel(&self, build: &Build, axis: Axis, usage: &StageUse) -> Result<(), String> {
-        self.counts(build, axis)?.misfit(usage).map_or(Ok(()), Err)
     }
 
     /// Returns what an axis that homes to its switch counts.

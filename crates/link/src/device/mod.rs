@@ -273,6 +273,7 @@ pub trait Stage {
             let Some(usage) = self.usage().cloned() else {
                 return Err(self.error(STARTING, DeviceProblem::Motion("it isn't prepared".to_owned())));
             };
+            // a controller's own limits end where its frame does, not where the specimen does
             usage.check(ways).map_err(|problem| self.error(STARTING, problem))?;
             if let Some(RestPlace { at_mm, uncertainty_mm }) = self.rest(usage.is_leaving(ways), orders).await? {
                 let rests = usage.check_rest(ways, at_mm, uncertainty_mm);
