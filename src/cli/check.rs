@@ -1,6 +1,7 @@
 //! `palpate check`.
 
 use super::output::OutputArgs;
+use super::rehearsed::Rehearsed;
 use super::summary::{duration, tell};
 use super::tables::filled;
 use super::text_table::{TextTable, cells};
@@ -12,7 +13,7 @@ use palpate_data::acceptance::{Decision, LimitCheck, SensorVerdict};
 use palpate_data::dataset::{Truths, foreseen};
 use palpate_data::recipe::{Entry, Phase, Plan, Recipe};
 use palpate_run::rig::{LastResort, RigSpec, TEMPERATURE};
-use palpate_run::run::{LAST_RESORT_SHARE, estimated_s, expected_checks, first_descent};
+use palpate_run::run::LAST_RESORT_SHARE;
 use palpate_solver::SEVERAL_DEPTHS;
 use serde_json::{Value, json};
 use std::collections::HashSet;
@@ -64,9 +65,11 @@ pub(super) fn check_recipe(
     let plan = sources.plan(rig.seed)?;
     let warnings = warnings(&sources.recipe, &plan, &sources.rig);
     let notes = notes(&sources.recipe, &plan, &sources.rig);
-    let text = sources.chosen.line(&sources.rig) + &described(&plan, &sources.rig);
+    let rehearsed = Rehearsed::of(&plan, &sources.rig)?;
+    let text = sources.chosen.line(&sources.rig) + &described(&plan, &sources.rig, &rehearsed);
     let content = json!({
-        "rig": sources.chosen.path, "is_simulated": sources.rig.is_simulated(), "plan": object(&plan, &sources.rig),
+        "rig": sources.chosen.path, "is_simulated": sources.rig.is_simulated(),
+        "plan": object(&plan, &sources.rig, &rehearsed),
         "warnings": warnings, "notes": notes,
     });
     output.print(&text, &content)?;
@@ -76,7 +79,7 @@ pub(super) fn check_recipe(
     for note in notes {
         tell(&filled(&format!("note: {note}"), "  "))?;
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(rehearsed.exit_code())
 }
 
 /// Returns warnings about settings that are valid but probably not intended.
@@ -217,15 +220,15 @@ fn of_steps(plan: &Plan, rig: &RigSpec) -> Vec<String> {
 }
 
 /// Returns a plan as an object: its presses by phase, their time, and their extent.
-pub(super) fn object(plan: &Plan, rig: &RigSpec) -> Value {
+pub(super) fn object(plan: &Plan, rig: &RigSpec, rehearsed: &Rehearsed) -> Value {
     let phases = parts(plan).map(|(phase, part)| {
-        json!({ "phase": phase.name(), "presses": part.len(), "levels": levels(&part), "estimated_s": estimated_s(&part, rig) })
+        let estimated_s = rehearsed.phase_s(plan, phase);
+        json!({ "phase": phase.name(), "presses": part.len(), "levels": levels(&part), "estimated_s": estimated_s })
     });
-    let checks = expected_checks(plan, rig);
     let [x, y] = plan.envelope();
     json!({
         "name": plan.name, "seed": plan.seed, "phases": phases.collect::<Vec<Value>>(), "presses": plan.entries.len(),
-        "checks": checks.len(), "estimated_s": estimated_s(&plan.entries, rig) + estimated_s(&checks, rig),
+        "checks": rehearsed.checks(), "estimated_s": rehearsed.total_s(), "rehearsal": rehearsed.object(),
         "x_mm": [x.min, x.max], "y_mm": [y.min, y.max], "force_most_n": plan.most_n(), "force_limit_n": rig.limits.force_n,
         "depth_most_mm": plan.most_mm(), "depth_limit_mm": rig.limits.depth_mm,
     })
@@ -242,23 +245,23 @@ fn levels(entries: &[Entry]) -> usize {
     entries.iter().map(|entry| entry.task.levels.len()).sum()
 }
 
-fn described(plan: &Plan, rig: &RigSpec) -> String {
+fn described(plan: &Plan, rig: &RigSpec, rehearsed: &Rehearsed) -> String {
     let mut text = String::new();
     let [x, y] = plan.envelope();
     let travel = &rig.stage.travel.axes;
     // writing to a string can't fail
     let _ = writeln!(text, "plan {}, seed {}", plan.name, plan.seed);
     let mut table = TextTable::new(1, ["phase", "presses", "levels", "estimated"]);
-    let mut row = |name: &str, entries: &[Entry], seconds: f64| {
-        table.row(cells![name, entries.len(), levels(entries), duration(seconds)]);
+    let mut row = |name: &str, entries: &[Entry], seconds: Option<f64>| {
+        table.row(cells![name, entries.len(), levels(entries), seconds.map_or("-".to_owned(), duration)]);
     };
     for (phase, part) in parts(plan) {
-        row(phase.name(), &part, estimated_s(&part, rig));
+        row(phase.name(), &part, rehearsed.phase_s(plan, phase));
     }
-    let checks = expected_checks(plan, rig);
-    row("together", &plan.entries, estimated_s(&plan.entries, rig) + estimated_s(&checks, rig));
+    row("together", &plan.entries, rehearsed.total_s());
     text += &table.to_string();
-    text.push_str(&checked(&checks));
+    text.push_str(&checked(rehearsed));
+    text.push_str(&rehearsed.text(plan));
     let _ = writeln!(text, "limits of the rig");
     let _ = writeln!(text, "  x {:>7.3} to {:>6.3} mm, travel {} to {} mm", x.min, x.max, travel[0].min, travel[0].max);
     let _ = writeln!(text, "  y {:>7.3} to {:>6.3} mm, travel {} to {} mm", y.min, y.max, travel[1].min, travel[1].max);
@@ -302,13 +305,9 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     text.push_str(&dragged(plan, rig));
     text.push_str(&followed(plan, rig));
     text.push_str(&tilted(plan, rig));
-    let (steps, descent_s) = first_descent(rig);
-    let _ = writeln!(
-        text,
-        "  first descent: {:.1} mm from home in {steps} steps, some {}",
-        -rig.top_mm(),
-        duration(descent_s)
-    );
+    let way_mm = -rig.top_mm();
+    let steps = (way_mm * limits.stiffness_n_mm / limits.force_n).ceil().max(1.0);
+    let _ = writeln!(text, "  first descent: {way_mm:.1} mm from home in {steps} steps or more");
     let _ = writeln!(text, "{}", permitted(rig));
     text.push_str(&last_resort(rig));
     text.push_str(&finished(rig));
@@ -487,7 +486,8 @@ fn followed(plan: &Plan, rig: &RigSpec) -> String {
 }
 
 /// Describes the checks, whose time is in the line before; nothing if there are none.
-fn checked(checks: &[Entry]) -> String {
+fn checked(rehearsed: &Rehearsed) -> String {
+    let checks = rehearsed.complete().map_or(&[][..], |rehearsal| &rehearsal.checks);
     let Some(Entry { place, .. }) = checks.last() else { return String::new() };
     let counted = match checks.len() - 1 {
         0 => "1 check at the end".to_owned(),

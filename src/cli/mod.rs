@@ -33,6 +33,7 @@ mod output;
 mod ports;
 mod progress;
 mod rebuild;
+mod rehearsed;
 mod report;
 mod resume;
 mod retract;

@@ -16,6 +16,7 @@ mod host;
 mod machine;
 mod printer;
 mod reaction;
+mod rehearsals;
 mod safety;
 mod slow_lines;
 mod sound_runs;

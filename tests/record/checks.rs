@@ -5,7 +5,7 @@ use palpate_core::quantity::{Axis, WeightCheck};
 use palpate_data::dataset::{Ledger, Memory, Record, RecordedCheck, RecordedContact, Status};
 use palpate_data::recipe::{Checks, Phase, Plan};
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{Ask, Cancel, Ending, KnownWeight, Listener, RunJob, execute, expected_checks};
+use palpate_run::run::{Ask, Cancel, Ending, KnownWeight, Listener, RunJob, execute, rehearse};
 use palpate_testing::executions::{bench, plan, run_virtually};
 use palpate_testing::interrupted::{change_the_world, cut_to_lines, lines_before_contacts};
 use palpate_testing::{TestFolder, shipped_text};
@@ -83,7 +83,7 @@ fn a_run_ends_with_a_check_that_changes_no_press() {
     let row = &check.contact.levels[0];
     assert_eq!((row.press, row.phase, row.force_set_n), (0, Some(Phase::Check), Some(1.0)));
     assert!(check.cell < 0.05, "{check:?}");
-    assert_eq!(expected_checks(&plan, &spec).len(), 1);
+    assert_eq!(rehearse(&plan, &spec).expect("it is simulated").checks.len(), 1);
 }
 
 #[test]
@@ -117,7 +117,7 @@ fn check_comes_after_a_hundred_presses_also_in_an_interrupted_run() {
     let made = checks(&memory);
     assert!(made.iter().all(|check| !check.is_failed() && check.reference == 0), "{made:?}");
     assert_eq!(made.iter().map(|check| (check.number, check.at_end)).collect::<Vec<_>>(), [(0, false), (1, true)]);
-    assert_eq!(expected_checks(&plan, &spec).len(), 2);
+    assert_eq!(rehearse(&plan, &spec).expect("it is simulated").checks.len(), 2);
 
     let at_end = whole(&spec, &Plan { checks: Checks::End, ..plan.clone() });
     let first: Vec<&RecordedContact> = memory.contacts().take(BEFORE_CHECK).collect();
@@ -146,7 +146,7 @@ fn no_check_comes_inside_a_characterisation_or_a_rest() {
                   [[step]]\nphase = \"calibration\"\nunits = [1]\n\
                   staircase = { to_n = 1.0, step_n = 1.0, repeats = 20, rest_s = 300.0 }\n";
     let recipe = plan(&spec, recipe, 1);
-    assert_eq!(expected_checks(&recipe, &spec).len(), 1, "the one at the end");
+    assert_eq!(rehearse(&recipe, &spec).expect("it is simulated").checks.len(), 1, "the one at the end");
 }
 
 #[test]

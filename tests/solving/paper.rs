@@ -10,7 +10,7 @@ use palpate_data::dataset::{Origins, Presses, Provenance, RecordedContact, RunFa
 use palpate_data::recipe::{self, Plan};
 use palpate_report::paper::TABLE_1_PERCENT;
 use palpate_run::rig::{self, RigSpec, SIM_RIG};
-use palpate_run::run::{Cancel, Listener, RunJob, estimated_s, execute};
+use palpate_run::run::{Cancel, Listener, RunJob, execute, rehearse};
 use palpate_solver::Evaluation;
 use palpate_testing::campaign;
 use std::io::Write;
@@ -62,7 +62,7 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
     folder.finish(ending.end(String::new(), 0.0)).unwrap();
     let presses = folder.presses().unwrap();
-    let over_estimate = folder.manifest().virtual_s / estimated_s(&plan.entries, &spec);
+    let over_estimate = folder.manifest().virtual_s / rehearse(&plan, &spec).expect("it is simulated").total_s();
     Whole { spec, presses, contacts: folder.contacts().unwrap().map(Result::unwrap).collect(), over_estimate }
 }
 

@@ -38,7 +38,9 @@ pub use mains::MainsInterference;
 pub use map::{ContactMap, LearnedContact, Shot};
 pub use mean::{Mean, mean_of};
 pub use neighbours::LEARNED;
-pub use permit::{DEPTH_MARGIN_MM, MotionContext, Permit, Permitted, Sideways, depth_without_force_mm};
+pub use permit::{
+    DEPTH_MARGIN_MM, MotionContext, Permit, Permitted, Sideways, TRAVEL_CLEARANCE_MM, depth_without_force_mm,
+};
 pub use press::{
     Context, FIRST_APPROACH_MM_S, ForceLoop, GAIN_TIMES_DEAD_TIME, LoopCommand, LoopEvent, Moment, NO_LOAD_READINGS,
     NoLoadReadings, SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,

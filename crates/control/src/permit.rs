@@ -38,6 +38,9 @@ const SOUNDING_MOST_MM: f64 = 0.1;
 /// Least clearance above the highest possible surface at which x and y may move, mm (I7).
 const SIDEWAYS_MM: f64 = 0.030;
 
+/// Distance of the indenter from the earliest possible surface when it travels, mm.
+pub const TRAVEL_CLEARANCE_MM: f64 = 0.10;
+
 /// A motion along z that may be commanded. Only [`Permit`] creates it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Permitted {
@@ -254,6 +257,11 @@ impl Permit {
     /// Returns the z at which x and y may move, mm, if contact is possible from `first_mm` on.
     pub fn clear_mm(&self, first_mm: f64) -> f64 {
         first_mm - SIDEWAYS_MM - self.stage.steps.reserve_mm()
+    }
+
+    /// Returns the z to which the indenter goes before x and y move, mm: clear even where the stage ends as early as it may.
+    pub fn travel_mm(&self, first_mm: f64) -> f64 {
+        (first_mm - TRAVEL_CLEARANCE_MM).min(self.clear_mm(first_mm) - self.stage.steps.in_position_mm(Axis::Z))
     }
 
     /// Force that counts as contact, N.

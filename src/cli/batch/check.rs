@@ -2,6 +2,7 @@
 
 use super::super::check::object;
 use super::super::output::OutputArgs;
+use super::super::rehearsed::Rehearsed;
 use super::super::summary::duration;
 use super::super::tables::filled;
 use super::material::{Material, calibrated};
@@ -11,7 +12,6 @@ use palpate_core::quantity::Place;
 use palpate_data::acceptance::{AcceptanceRule, Decision};
 use palpate_data::recipe::{Phase, Plan};
 use palpate_run::batch::{Chance, DRAWS, Test, chance};
-use palpate_run::run::{estimated_s, expected_checks, first_descent};
 use palpate_solver::Prior;
 use serde_json::json;
 use std::fmt::Write as _;
@@ -43,22 +43,28 @@ pub(super) fn check(args: &BatchCheckArgs) -> Result<ExitCode, Failure> {
     check_gain(&material.rig)?;
     material.check()?;
     let plan = material.plan(0, &material.rig, material.file.seed)?;
+    let rehearsed = Rehearsed::of(&plan, &material.rig)?;
     let (file, chance) = (&material.file, chance_of(&material, &plan));
     let content = json!({
         "name": file.name, "design": file.design, "bench": material.bench, "sensors": file.serials,
         "nests": file.nests.iter().map(|nest| &nest.name).collect::<Vec<_>>(), "warm_up_s": file.warm_up_s,
-        "plan": object(&plan, &material.rig),
+        "plan": object(&plan, &material.rig, &rehearsed),
         "chance": chance.as_ref().and_then(|chance| chance.as_ref().ok()).map(|chance| json!({
             "accepted": chance.accepted, "not_accepted": chance.not_accepted, "not_decided": chance.not_decided,
         })),
     });
-    let text = material.chosen.line(&material.rig) + &described(&material, &plan, chance);
+    let text = material.chosen.line(&material.rig) + &described(&material, &plan, &rehearsed, chance);
     args.output.print(&text, &content)?;
-    Ok(ExitCode::SUCCESS)
+    Ok(rehearsed.exit_code())
 }
 
-fn described(material: &Material, plan: &Plan, chance: Option<Result<Chance, &'static str>>) -> String {
-    let (file, rig) = (&material.file, &material.rig);
+fn described(
+    material: &Material,
+    plan: &Plan,
+    rehearsed: &Rehearsed,
+    chance: Option<Result<Chance, &'static str>>,
+) -> String {
+    let file = &material.file;
     let mut text = format!("batch {}, design {}, bench {}\n", file.name, file.design, material.bench);
     // writing to a string can't fail
     let (first, last) = (file.serials.first(), file.serials.last());
@@ -82,19 +88,20 @@ fn described(material: &Material, plan: &Plan, chance: Option<Result<Chance, &'s
         plan.name,
         plan.entries.len()
     );
-    let checks_s = estimated_s(&expected_checks(plan, rig), rig);
-    let run_s = estimated_s(&plan.entries, rig) + checks_s + first_descent(rig).1;
-    let at_once = file.nests.len().max(1) as f64;
-    let _ = writeln!(
-        text,
-        "  estimated {}: run {}, warm-up {}",
-        duration(run_s + file.warm_up_s / at_once),
-        duration(run_s),
-        duration(file.warm_up_s / at_once)
-    );
-    let all_s = file.serials.len() as f64 * (run_s + file.warm_up_s / at_once);
-    let _ =
-        writeln!(text, "  all {} sensors: {}, without the time to change them", file.serials.len(), duration(all_s));
+    text += &rehearsed.text(plan);
+    let warm_up_s = file.warm_up_s / file.nests.len().max(1) as f64;
+    if let Some(run_s) = rehearsed.total_s() {
+        let (each_s, sensors) = (run_s + warm_up_s, file.serials.len());
+        let _ = writeln!(
+            text,
+            "  estimated {}: run {}, warm-up {}",
+            duration(each_s),
+            duration(run_s),
+            duration(warm_up_s)
+        );
+        let all = duration(sensors as f64 * each_s);
+        let _ = writeln!(text, "  all {sensors} sensors: {all}, without the time to change them");
+    }
     text += &prior_text(material, plan);
     for recipe in &material.recipes[1..] {
         let _ = writeln!(text, "  more presses, if the result needs them: {}", recipe.recipe.name);

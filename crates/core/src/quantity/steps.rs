@@ -1,12 +1,14 @@
 //! Steps of the axes of a coarse stage.
 
 use super::Axis;
+use std::f64::consts::SQRT_2;
 
 /// Largest distance of a read-back from the axis' target, mm, on a stage whose steps are fine.
 const IN_POSITION_MM: f64 = 0.003;
 
-/// Noise of a read-back that counts as in position, in sd: of ten thousand motions none ends elsewhere by it.
-const NOISE_SIGMAS: f64 = 5.0;
+/// Noise of a motion that counts as in position, in sd of a read-back: 5 sd of the read-backs from which it began and after which it ended,
+/// together. Of ten thousand motions none ends elsewhere by it.
+const NOISE_SIGMAS: f64 = 5.0 * SQRT_2;
 
 /// Distance that is rounding of a number, mm. It is less than the rounding that a permit allows.
 const ROUNDING_MM: f64 = 5e-10;
@@ -78,14 +80,34 @@ impl Steps {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quantity::stream;
+    use rand::RngExt;
+    use std::f64::consts::TAU;
 
     const PRINTER: Steps = Steps { mm: [0.0125, 0.0125, 0.0025], noise_mm: 0.0 };
 
     #[test]
     fn noise_of_a_read_back_counts_as_in_position_and_in_the_reserve() {
         let arm = Steps { mm: [0.05, 0.05, 0.02], noise_mm: 0.004 };
-        assert!((arm.in_position_mm(Axis::Z) - (0.003 + 0.01 + 0.02)).abs() < 1e-12);
-        assert!((arm.reserve_mm() - (0.033 + 0.01)).abs() < 1e-12);
+        let noise_mm = 5.0 * 2f64.sqrt() * 0.004;
+        assert!((arm.in_position_mm(Axis::Z) - (0.013 + noise_mm)).abs() < 1e-12);
+        assert!((arm.reserve_mm() - (0.023 + noise_mm)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn noise_of_both_ends_of_a_motion_is_in_position() {
+        const MOTIONS: usize = 20_000;
+        let arm = Steps { mm: [0.0; 3], noise_mm: 0.004 };
+        let mut rng = stream(1, 0, "both ends of a motion");
+        // two normal numbers at once (Box and Muller)
+        let mut off_mm = || {
+            let (u, v): (f64, f64) = (1.0 - rng.random::<f64>(), rng.random());
+            let (sin, cos) = (TAU * v).sin_cos();
+            arm.noise_mm * (-2.0 * u.ln()).sqrt() * (sin + cos).abs()
+        };
+        let off_mm = (0..MOTIONS).map(|_| off_mm()).fold(0.0, f64::max);
+        assert!(off_mm < arm.in_position_mm(Axis::Z) - IN_POSITION_MM, "{off_mm} mm");
+        assert!(off_mm > 5.0 * arm.noise_mm, "the noise of one end doesn't explain it");
     }
 
     #[test]

@@ -25,6 +25,9 @@ pub struct ProcessStage {
     port: ProgramPort,
     /// Use of the stage, which limits the travel of the axes; `None` before the stage is prepared.
     usage: Option<StageUse>,
+    /// Where the axes rest, as the program counts it, before a motion that isn't the way out; mm. Its steps may have led it to another
+    /// place than it was sent to.
+    rests_mm: Option<[f64; 3]>,
     complaints: Vec<String>,
 }
 
@@ -39,7 +42,8 @@ impl ProcessStage {
     /// Creates a stage behind a link; nothing is sent yet.
     /// `start` is the longest time until the program answers for the first time.
     pub fn new(connector: Connector, link: String, start: Duration) -> Self {
-        ProcessStage { port: ProgramPort::new(connector, "stage", link, start), usage: None, complaints: Vec::new() }
+        let port = ProgramPort::new(connector, "stage", link, start);
+        ProcessStage { port, usage: None, rests_mm: None, complaints: Vec::new() }
     }
 
     async fn status(&mut self, doing: &str, orders: Option<&MotionOrders>) -> Result<StageStatus, DeviceError> {
@@ -112,10 +116,12 @@ impl Stage for ProcessStage {
 
     /// The way out is open from anywhere.
     async fn rest(&mut self, is_leaving: bool, orders: &MotionOrders) -> Result<Option<RestPlace>, DeviceError> {
+        self.rests_mm = None;
         if is_leaving {
             return Ok(None);
         }
         let at_mm = self.status(STARTING, Some(orders)).await?.position_mm;
+        self.rests_mm = Some(at_mm);
         Ok(Some(RestPlace { at_mm, uncertainty_mm: REPORT_ROUNDING_MM }))
     }
 
@@ -129,10 +135,12 @@ impl Stage for ProcessStage {
         let of = |mm: &dyn Fn(&AxisWay) -> f64| -> JsonObject {
             ways.iter().map(|way| (way.axis.name().to_owned(), json!(mm(way)))).collect()
         };
-        let by_mm = |way: &AxisWay| usage.from_count(way, way.from_mm, REPORT_ROUNDING_MM);
+        let rests_mm = self.rests_mm.take();
+        let from_mm = |way: &AxisWay| rests_mm.map_or(way.from_mm, |rests_mm| rests_mm[way.axis.index()]);
+        let by_mm = |way: &AxisWay| usage.from_count(way, from_mm(way), REPORT_ROUNDING_MM);
         let mut request = json!({ "by_mm": of(&by_mm), "speed_mm_s": speed_mm_s });
-        if !usage.is_leaving(ways) {
-            request["from_mm"] = json!(of(&|way| way.from_mm));
+        if rests_mm.is_some() {
+            request["from_mm"] = json!(of(&from_mm));
         }
         let request = request.as_object().cloned().unwrap_or_default();
         self.port.ask(STARTING, "move", request, Some(orders)).await.map(|_| ())

@@ -3,16 +3,15 @@
 use super::Halt;
 use super::execute::{Runner, Standby};
 use super::past::{Past, TouchedPlace};
-use super::press::TRAVEL_CLEARANCE_MM;
 use super::shift::sideways_shift;
 use crate::rig::Home;
-use palpate_control::{MotionContext, PressTask, SafetyRule, Strategy, Trip};
+use palpate_control::{MotionContext, PressTask, SafetyRule, Strategy, TRAVEL_CLEARANCE_MM, Trip};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{NoLoad, Record, Retouch};
 use palpate_data::recipe::Plan;
 
 /// Largest allowed move of a surface that was touched before, mm: half of the indenter's clearance during travel.
-const MOVED_MOST_MM: f64 = TRAVEL_CLEARANCE_MM / 2.0;
+pub(super) const MOVED_MOST_MM: f64 = TRAVEL_CLEARANCE_MM / 2.0;
 
 /// Force with which a place is touched again if it carried more before, as a fraction of the specimen's limit.
 const TOUCH_SHARE: f64 = 0.25;

@@ -2,10 +2,8 @@
 
 use super::Halt;
 use super::check_weight::{CellAfter, Weighing, weigh};
-use super::estimate::estimated_s;
 use super::execute::{Runner, Standby};
 use super::past::felt;
-use crate::rig::RigSpec;
 use palpate_control::{Changed, MeasuredContact, PressTask, SetPoint, Strategy};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{CheckChange, Left, Record, RecordedCheck, RecordedContact};
@@ -122,17 +120,24 @@ fn is_large(set: SetPoint, least: SetPoint) -> bool {
     }
 }
 
-/// Returns the checks that a plan is expected to have on a rig.
-pub fn expected_checks(plan: &Plan, spec: &RigSpec) -> Vec<Entry> {
+/// Expected times, s: of each entry of a plan, and of a check.
+pub(super) struct CheckTimes<'a> {
+    pub entries_s: &'a [f64],
+    pub check_s: f64,
+}
+
+/// Returns the checks that a plan is expected to have.
+pub(super) fn expected_checks(plan: &Plan, times: &CheckTimes<'_>) -> Vec<Entry> {
     let least = least_set(plan);
     let loaded = plan.entries.iter().filter_map(|entry| Some((entry, first_set(entry)?)));
     let reference = loaded.into_iter().find(|(_, set)| is_large(*set, least));
     let Some((reference, set)) = reference.filter(|_| plan.checks != Checks::None) else { return Vec::new() };
     let (mut since, mut now_s, mut made) = (Since::default(), 0.0, 0);
-    for pair in plan.entries.windows(2).filter(|_| plan.checks == Checks::Between) {
-        now_s += estimated_s(&pair[..1], spec);
+    for (pair, entry_s) in plan.entries.windows(2).zip(times.entries_s).filter(|_| plan.checks == Checks::Between) {
+        now_s += entry_s;
         since.count(pair[0].phase, now_s);
         if since.is_due(&pair[0], &pair[1]) {
+            now_s += times.check_s;
             since.restart(now_s);
             made += 1;
         }

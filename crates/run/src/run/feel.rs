@@ -1,7 +1,6 @@
 //! Finds the surface with the outputs of the array, on a rig without a load cell.
 
 use super::Halt;
-use super::press::TRAVEL_CLEARANCE_MM;
 use super::without_cell::DepthRunner;
 use palpate_control::{Expected, SafetyRule, Trip, depth_without_force_mm};
 use palpate_core::quantity::{Axis, Place};
@@ -37,7 +36,7 @@ impl DepthRunner<'_> {
         let mut rise: Vec<(f64, f64)> = Vec::new();
         while rise.len() < IN_CONTACT {
             let z_mm = self.rig_control.z_mm;
-            let to_first_mm = first_mm - TRAVEL_CLEARANCE_MM - z_mm;
+            let to_first_mm = self.permit.travel_mm(first_mm) - z_mm;
             let step_mm = if to_first_mm > fine_mm { (COARSE_SHARE * room_mm).min(to_first_mm) } else { fine_mm };
             let earliest_mm = first_mm.min(free_mm);
             let is_deeper = z_mm + step_mm <= self.permit.deepest_without_force_mm(earliest_mm);

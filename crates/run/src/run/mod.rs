@@ -11,7 +11,6 @@ mod check_weight;
 mod checks;
 mod clock;
 mod drag;
-mod estimate;
 mod examine;
 mod execute;
 mod feel;
@@ -24,6 +23,7 @@ mod pace;
 mod past;
 mod press;
 mod ready;
+mod rehearsal;
 mod retraction;
 mod rig_control;
 mod series;
@@ -39,14 +39,13 @@ pub use check_weight::{
     Ask, AxesMeasurement, CellAfter, KnownWeight, LoadCellVerdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighing,
     WeightMeasurement, WeightResult, judged,
 };
-pub use checks::expected_checks;
-pub use estimate::{estimated_s, first_descent};
 pub use examine::{Examination, ForceCheck, NoLoadCell, examine};
 pub use execute::{Ending, Listener, RunJob, execute, execute_on};
 pub use home::{Retracted, retract};
 pub use last_resort::LAST_RESORT_SHARE;
 pub use pace::keep_pace;
 pub use ready::NOISE_SHARE;
+pub use rehearsal::{EarlyEnd, Rehearsal, rehearse};
 pub use retraction::{LargestForce, Remaining};
 pub use shown::{FINGER_WAIT, ShownBy};
 

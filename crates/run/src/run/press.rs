@@ -14,9 +14,6 @@ use palpate_data::recipe::Entry;
 use palpate_link::device::Stage;
 use palpate_link::time::Instant;
 
-/// Clearance above the learned surface at which the indenter travels from place to place, mm.
-pub(super) const TRAVEL_CLEARANCE_MM: f64 = 0.10;
-
 /// Margin of the controller's guard for noise, in sd of one reading. The guard checks each reading separately, thousands in each
 /// press.
 const GUARD_SIGMAS: f64 = 8.0;
@@ -380,7 +377,7 @@ impl Runner<'_> {
                 declared_n_mm: self.conditions.spec.stiffness_least_n_mm,
                 learned_curve: self.map.learned_curve(place),
             },
-            clear_mm: first_mm - TRAVEL_CLEARANCE_MM,
+            clear_mm: self.permit.travel_mm(first_mm),
             approach_mm_s: self.conditions.spec.stage.approach_mm_s,
             speed_mm_s: self.rig_control.usage.speed_mm_s,
             timing: self.rig_control.timing,

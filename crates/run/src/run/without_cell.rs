@@ -1,12 +1,12 @@
 //! Execution of a plan on a rig without a load cell: presses by depth below a surface that the array felt, or that a person touched and
 //! confirmed. `docs/decisions/control/without-a-load-cell.md` states what replaces the rules that need a force.
 
+use super::again::MOVED_MOST_MM;
 use super::clock::RunClock;
 use super::execute::{Ending, RunJob, note_trip};
 use super::home::at_home_without_cell;
 use super::monitors::Monitors;
 use super::past::Past;
-use super::press::TRAVEL_CLEARANCE_MM;
 use super::rig_control::AnyRigControl;
 use super::unforced_motion::OutputsAtRest;
 use super::window::OutputMeans;
@@ -26,9 +26,6 @@ const EXCHANGE_S: f64 = 0.1;
 
 /// Number of places where the array feels for the surface: a plane needs three, and the others check it.
 const FELT_PLACES: usize = 5;
-
-/// Largest move of a surface since an earlier session, mm: half of the clearance during travel.
-const MOVED_MOST_MM: f64 = TRAVEL_CLEARANCE_MM / 2.0;
 
 /// Largest part of the outputs of a press that may remain after the retraction: more shows that the contact continues.
 const REMAINING_SHARE: f64 = 0.25;
@@ -307,7 +304,7 @@ impl DepthRunner<'_> {
 
     /// Moves z away until it clears a surface that is no earlier than this, mm.
     pub(super) async fn clear(&mut self, first_mm: f64) -> Result<(), Halt> {
-        let (z_mm, clear_mm) = (self.rig_control.z_mm, first_mm - TRAVEL_CLEARANCE_MM);
+        let (z_mm, clear_mm) = (self.rig_control.z_mm, self.permit.travel_mm(first_mm));
         if z_mm > clear_mm {
             let away = self.permit.retract(z_mm, clear_mm, self.rig_control.usage.speed_mm_s)?;
             self.rig_control.move_z_unforced(away).await?;

@@ -1,0 +1,91 @@
+//! The rehearsal of a plan, in words.
+
+use super::summary::duration;
+use super::tables::filled;
+use crate::api::Failure;
+use palpate_core::quantity::round;
+use palpate_data::recipe::{Phase, Plan};
+use palpate_run::rig::RigSpec;
+use palpate_run::run::{EarlyEnd, Halt, Rehearsal, rehearse};
+use serde_json::{Value, json};
+use std::process::ExitCode;
+
+/// The rehearsal of a plan, or why a rig with real links can't be simulated.
+pub(super) struct Rehearsed(Result<Rehearsal, String>);
+
+impl Rehearsed {
+    /// Rehearses a plan.
+    pub(super) fn of(plan: &Plan, rig: &RigSpec) -> Result<Rehearsed, Failure> {
+        match rehearse(plan, rig) {
+            Ok(rehearsal) => Ok(Rehearsed(Ok(rehearsal))),
+            Err(error) if rig.is_simulated() => Err(Failure::halted(Halt::Device(error))),
+            Err(error) => Ok(Rehearsed(Err(error.to_string()))),
+        }
+    }
+
+    /// Expected time of a run, s; `None` if it isn't known.
+    pub(super) fn total_s(&self) -> Option<f64> {
+        self.complete().map(Rehearsal::total_s)
+    }
+
+    /// Expected time of the presses of a phase, s.
+    pub(super) fn phase_s(&self, plan: &Plan, phase: Phase) -> Option<f64> {
+        let entries = plan.entries.iter().zip(&self.complete()?.entries_s);
+        Some(entries.filter(|(entry, _)| entry.phase == phase).map(|(_, s)| s).sum())
+    }
+
+    /// Number of checks during and after the run.
+    pub(super) fn checks(&self) -> usize {
+        self.complete().map_or(0, |rehearsal| rehearsal.checks.len())
+    }
+
+    /// The rehearsal, if the plan was completed.
+    pub(super) fn complete(&self) -> Option<&Rehearsal> {
+        self.0.as_ref().ok().filter(|rehearsal| rehearsal.early.is_none())
+    }
+
+    /// States whether the plan works, and the time of a press, in lines of at most 80 columns.
+    pub(super) fn text(&self, plan: &Plan) -> String {
+        let rehearsal = match &self.0 {
+            Ok(rehearsal) => rehearsal,
+            Err(why) => return filled(&format!("not rehearsed, so no time is known: {why}"), "  "),
+        };
+        let (presses, all) = (rehearsal.presses, plan.entries.len());
+        match &rehearsal.early {
+            None => format!(
+                "rehearsed {presses} of {all} presses on the simulated rig: works\n  \
+                 a press takes some {} s; home and the way to the first press {},\n  all together {}\n",
+                round(rehearsal.press_s(), 2),
+                duration(rehearsal.ready_s),
+                duration(rehearsal.total_s()),
+            ),
+            Some(EarlyEnd { press, place, text }) => {
+                let at = press.zip(*place).map(|(press, place)| {
+                    format!(" in press {press} at ({}, {}) mm", round(place.x_mm, 3), round(place.y_mm, 3))
+                });
+                let early = format!("rehearsed on the simulated rig: ends early{}: {text}", at.unwrap_or_default());
+                filled(&early, "  ")
+            }
+        }
+    }
+
+    /// Returns it as an object.
+    pub(super) fn object(&self) -> Value {
+        match &self.0 {
+            Err(why) => json!({ "why_not": why }),
+            Ok(rehearsal) => json!({
+                "presses": rehearsal.presses,
+                "press_s": self.complete().map(|complete| round(complete.press_s(), 3)),
+                "ends_early": rehearsal.early.as_ref().map(|EarlyEnd { press, place, text }| json!({
+                    "press": press, "place_mm": place.map(|place| [place.x_mm, place.y_mm]), "reason": text,
+                })),
+            }),
+        }
+    }
+
+    /// Exit code: 1 if the plan was not completed.
+    pub(super) fn exit_code(&self) -> ExitCode {
+        let is_early = self.0.as_ref().is_ok_and(|rehearsal| rehearsal.early.is_some());
+        if is_early { ExitCode::from(1) } else { ExitCode::SUCCESS }
+    }
+}
