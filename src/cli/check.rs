@@ -11,7 +11,7 @@ use palpate_control::{LEARNED, PressTask, depth_without_force_mm, safe_speed_mm_
 use palpate_core::quantity::{Axis, COVERAGE, Limits, Tilt, round};
 use palpate_data::acceptance::{Decision, LimitCheck, SensorVerdict};
 use palpate_data::dataset::{Truths, foreseen};
-use palpate_data::recipe::{Entry, Phase, Plan, Recipe};
+use palpate_data::recipe::{Entry, Phase, Plan, PlannedDrag, Recipe};
 use palpate_run::rig::{LastResort, RigSpec, TEMPERATURE};
 use palpate_run::run::LAST_RESORT_SHARE;
 use palpate_solver::SEVERAL_DEPTHS;
@@ -63,9 +63,9 @@ pub(super) fn check_recipe(
     let mut sources = Sources::read(recipe, rig)?;
     sources.rig.is_touched = is_touched;
     let plan = sources.plan(rig.seed)?;
-    let warnings = warnings(&sources.recipe, &plan, &sources.rig);
-    let notes = notes(&sources.recipe, &plan, &sources.rig);
     let rehearsed = Rehearsed::of(&plan, &sources.rig)?;
+    let warnings = warnings(&sources.recipe, &plan, &sources.rig, &rehearsed);
+    let notes = notes(&sources.recipe, &plan, &sources.rig);
     let text = sources.chosen.line(&sources.rig) + &described(&plan, &sources.rig, &rehearsed);
     let content = json!({
         "rig": sources.chosen.path, "is_simulated": sources.rig.is_simulated(),
@@ -83,7 +83,7 @@ pub(super) fn check_recipe(
 }
 
 /// Returns warnings about settings that are valid but probably not intended.
-fn warnings(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
+fn warnings(recipe: &Recipe, plan: &Plan, rig: &RigSpec, rehearsed: &Rehearsed) -> Vec<String> {
     /// Press time above which the time was probably given in milliseconds, s.
     const LONG_S: f64 = 60.0;
     /// Least excess of the normal force over the limit that is worth a warning, N.
@@ -127,7 +127,7 @@ fn warnings(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
             "`temperature_percent_per_c` of the load cell isn't in `u_force_n`: no [[monitor]] has the name `{TEMPERATURE}`"
         ));
     }
-    warnings.extend(of_steps(plan, rig));
+    warnings.extend(of_steps(plan, rig, rehearsed));
     warnings
 }
 
@@ -188,7 +188,7 @@ fn shown(value: f64) -> f64 {
 }
 
 /// Returns warnings about forces that a stage with steps can't reach.
-fn of_steps(plan: &Plan, rig: &RigSpec) -> Vec<String> {
+fn of_steps(plan: &Plan, rig: &RigSpec, rehearsed: &Rehearsed) -> Vec<String> {
     let (steps, limits) = (rig.stage.steps, &rig.limits);
     let mut warnings = Vec::new();
     let tolerance_n = plan.entries.iter().map(|entry| entry.task.force_tolerance_n).fold(f64::INFINITY, f64::min);
@@ -203,17 +203,14 @@ fn of_steps(plan: &Plan, rig: &RigSpec) -> Vec<String> {
             round(reach_n, 4),
         ));
     }
-    // the permit keeps this much below the limit, because z may end deeper than its target
-    let kept_n = limits.stiffness_n_mm * steps.reserve_mm();
-    let most_n = limits.force_n - kept_n + tolerance_n;
-    if kept_n > 0.0 && plan.most_n() > most_n {
+    // z may end deeper than its target, so the permit stays below the limit
+    if let Some(reached_n) = rehearsed.out_of_reach_n().filter(|_| !steps.is_fine()) {
         warnings.push(format!(
-            "the largest force is {} N, but the steps of z keep {} N below the limit of {} N: the run will end with `out-of-reach`. \
-             Set at most {} N",
+            "the largest force is {} N, but the steps of z and the noise of its place end the rehearsal at {} N, below the limit of {} N. Set \
+             less than that",
             shown(plan.most_n()),
-            round(kept_n, 4),
+            round(reached_n, 3),
             limits.force_n,
-            round(limits.force_n - kept_n, 3),
         ));
     }
     warnings
@@ -353,15 +350,20 @@ fn guarded(plan: &Plan, rig: &RigSpec) -> String {
 /// Describes what a run without a load cell relies on.
 fn without_load_cell(rig: &RigSpec) -> String {
     let Limits { force_n, stiffness_n_mm, .. } = rig.limits;
-    format!(
-        "no load cell: no force is measured, and no force stops a motion\n  \
-         a move ends at most {:.3} mm below the earliest possible surface: {force_n} N over {stiffness_n_mm} N/mm\n  \
-         a specimen that is stiffer gets more force, by as much as it is stiffer\n  \
-         the array must feel the surface within {} mm of `frame.surface_mm`; with --confirmed touch\n  \
-         it is where the frame states. Nothing is promised for a surface outside this uncertainty\n",
-        depth_without_force_mm(&rig.limits),
-        rig.frame.uncertainty_mm,
-    )
+    let told = [
+        format!(
+            "a move ends at most {:.3} mm below the earliest possible surface: {force_n} N over {stiffness_n_mm} N/mm",
+            depth_without_force_mm(&rig.limits)
+        ),
+        "a specimen that is stiffer gets more force, by as much as it is stiffer".to_owned(),
+        format!(
+            "the array must feel the surface within {} mm of `frame.surface_mm`; with --confirmed touch it is where the frame states. \
+             Nothing is promised for a surface outside this uncertainty",
+            rig.frame.uncertainty_mm
+        ),
+    ];
+    let told: String = told.iter().map(|text| filled(&format!("  {text}"), "  ")).collect();
+    format!("no load cell: no force is measured, and no force stops a motion\n{told}")
 }
 
 /// Number of presses that are compared with earlier presses around them.
@@ -460,14 +462,16 @@ fn last_resort(rig: &RigSpec) -> String {
 
 /// Describes how the longest drag of the plan can end; nothing without a drag.
 fn dragged(plan: &Plan, rig: &RigSpec) -> String {
-    let way = |entry: &&Entry| entry.task.drag().map_or(0.0, |drag| drag.way_mm());
-    let longest = plan.entries.iter().filter(|entry| entry.task.drag().is_some());
-    let longest = longest.max_by(|a, b| way(a).total_cmp(&way(b)));
-    let Some((entry, most)) = longest.zip(rig.drag) else { return String::new() };
-    let [_, (shear_n, shear_most_n, _), (length_n, ..)] = most.end(&rig.limits, entry.task.most_n(), way(&entry));
+    let planned = plan.entries.iter().filter_map(|Entry { task, .. }| {
+        let (most_n, most_mm, tolerance_n) = (task.most_n(), task.most_mm(), task.force_tolerance_n);
+        Some(PlannedDrag { most_n, most_mm, tolerance_n, way_mm: task.drag()?.way_mm() })
+    });
+    let longest = planned.max_by(|a, b| a.way_mm.total_cmp(&b.way_mm));
+    let Some((drag, most)) = longest.zip(rig.drag) else { return String::new() };
+    let [_, (shear_n, shear_most_n, _), (length_n, ..)] = drag.end(&rig.ground(), &most);
     format!(
         "  a drag of {} mm ends with at most {shear_n:.3} of {shear_most_n} N sideways,\n  {length_n:.3} of {} N in all, even if the tip sticks\n",
-        round(way(&entry), 3),
+        round(drag.way_mm, 3),
         rig.limits.force_n
     )
 }

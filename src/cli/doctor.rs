@@ -3,8 +3,10 @@
 use super::check_weight::{WeightArgs, WeightJson, ask, concluded, concluded_axes};
 use super::one_rig::OneRigArgs;
 use super::output::OutputArgs;
+use super::rehearsed::rehearsed_as_measured;
 use super::signals::{First, heed};
 use super::summary::beside;
+use super::tables::filled;
 use crate::api::Failure;
 use crate::api::run::block_on;
 use miette::Diagnostic;
@@ -14,7 +16,7 @@ use palpate_data::dataset::MonitorValue;
 use palpate_drivers::lines::ForceCounts;
 use palpate_link::device::{Identity, shown};
 use palpate_run::rig::{GAIN_UNKNOWN, RigSpec};
-use palpate_run::run::{Examination, ForceCheck, NOISE_SHARE, NoLoadCell, ShownBy, Weighing, examine};
+use palpate_run::run::{Examination, Finding, ForceCheck, NOISE_SHARE, NoLoadCell, ShownBy, Weighing, examine};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -42,9 +44,6 @@ const SHOW: &str =
 const BARS: usize = 8;
 const BAR_COLUMNS: usize = 40;
 
-/// Least fraction of new readings. With fewer, the cell is read more often than it converts.
-const FRESH_SHARE: f64 = 0.7;
-
 /// Allowed move of the zero in either direction in the proposed `air_n`, as a fraction of the force limit.
 const ZERO_MOVES_SHARE: f64 = 0.2;
 
@@ -53,9 +52,6 @@ const WINDOW_S: f64 = 0.2;
 
 /// Zero, as a fraction of the force limit, above which little of the cell's range remains.
 const ZERO_SHARE: f64 = 0.5;
-
-/// Difference of counts that is only rounding of `newton_per_unit`, relative to them.
-const COUNTS_ROUNDING: f64 = 1e-6;
 
 /// Approach speed below which the search for the surface takes most of a press' time, mm/s.
 const SLOW_MM_S: f64 = 1.0;
@@ -104,6 +100,10 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
         text += &more;
         axes = Some(check);
     }
+    let usable = found.devices.iter().all(|(_, device)| device.is_ok()) && matches!(found.no_load, Some(Ok(_)));
+    let [stage_s, load_cell_s, array_s] = &found.exchanges_s;
+    let rehearsed = usable.then(|| rehearsed_as_measured(&rig, [stage_s, load_cell_s, array_s])).flatten();
+    text += &rehearsed.as_ref().map_or_else(String::new, |rehearsed| format!("\n{}", filled(rehearsed, "  ")));
     args.output.print(&text, &json(&found, &advice, (weighed.as_ref().map(|weighed| &weighed.json), axes.as_ref())))?;
     let failed = found.devices.into_iter().find_map(|(_, device)| device.err());
     let axes_failed = found.weighed_axes.and_then(Result::err);
@@ -179,7 +179,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         }
     }
     if let Some(Ok(no_load)) = &found.no_load {
-        let NoLoadCell { zero, fresh_share, outputs_sigma_v } = no_load;
+        let NoLoadCell { zero, readings, fresh_share, outputs_sigma_v } = no_load;
         let _ = writeln!(
             text,
             "\n{:<11}zero {:.4} N, noise of a reading {:.2} mN",
@@ -187,7 +187,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             zero.offset_n,
             1000.0 * zero.sigma_n
         );
-        let _ = writeln!(text, "{:<11}{:.0} % of the readings are new", "", 100.0 * fresh_share);
+        let _ = writeln!(text, "{:<11}of {readings} readings {:.0} % are new", "", 100.0 * fresh_share);
         if let Some(mains) = zero.mains {
             let _ = writeln!(text, "{:<11}{}", "", mains_text(&mains));
         }
@@ -222,7 +222,9 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             "", "", limits.force_n, limits.stiffness_n_mm, spec.stage.acceleration_mm_s2
         );
     }
+    text += &to_write(&found.findings);
     let _ = match advice {
+        [] if !found.findings.is_empty() => Ok(()),
         [] => writeln!(text, "\nno problems found"),
         advice => writeln!(text, "\nto do\n{}", wrapped(advice)),
     };
@@ -255,15 +257,23 @@ fn proposed_air_n(offset_n: f64, limit_n: f64) -> [f64; 2] {
     [-ZERO_MOVES_SHARE, ZERO_MOVES_SHARE].map(|share| rounded(offset_n + share * limit_n))
 }
 
-/// Returns advice if the web page of a Net F/T states other counts than the rig.
-fn other_counts(of_rig: f64, ForceCounts { counts, unit }: &ForceCounts) -> Option<String> {
-    let is_same = unit == "N" && (counts - of_rig).abs() <= COUNTS_ROUNDING * of_rig.abs();
-    let text = format!(
-        "load_cell: its web page states {counts} counts per {}, but the rig {of_rig:.0} per N: set the unit N, and write \
-         newton_per_unit = 1 / counts in `driver`",
-        shown(unit)
-    );
-    (!is_same).then_some(text)
+/// Returns advice if the web page of a Net F/T states its counts in another unit than N.
+fn other_unit(ForceCounts { counts, unit }: &ForceCounts) -> Option<String> {
+    let text =
+        format!("load_cell: its web page states {counts} counts per {}: set its unit to N, and ask again", shown(unit));
+    (unit != "N").then_some(text)
+}
+
+/// Returns the lines to write in the rig file, below their sections.
+fn to_write(findings: &[Finding]) -> String {
+    let mut sections: Vec<&str> = findings.iter().map(|finding| finding.role).collect();
+    sections.dedup();
+    let lines = |role: &str| -> String {
+        let own = findings.iter().filter(|finding| finding.role == role);
+        own.map(|finding| format!("  {}\n", finding.line())).collect()
+    };
+    let text: String = sections.iter().map(|role| format!("  [{role}]\n{}", lines(role))).collect();
+    if text.is_empty() { text } else { format!("\nto write in the rig file\n{text}") }
 }
 
 fn wrapped(advice: &[String]) -> String {
@@ -273,7 +283,7 @@ fn wrapped(advice: &[String]) -> String {
 
 /// Returns advice for the user about the results.
 fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
-    let mut advice = Vec::new();
+    let (mut advice, mut has_failed) = (Vec::new(), false);
     for (role, device) in &found.devices {
         match device {
             Ok(identity) => {
@@ -281,6 +291,8 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
                 let left = identity.warnings.iter().filter(|warning| !is_done(warning));
                 advice.extend(left.map(|warning| format!("{role}: {warning}")));
             }
+            // the first one ends the command with its message
+            Err(_) if !std::mem::replace(&mut has_failed, true) => {}
             Err(error) => {
                 let help = error.help().map(|help| format!(": {help}")).unwrap_or_default();
                 advice.push(format!("{error}{help}"));
@@ -292,8 +304,8 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
         let warnings = monitor.warnings.iter().chain(&outside);
         advice.extend(warnings.map(|warning| format!("{}: {warning}", monitor.role)));
     }
-    if let Some((of_rig, Ok(stated))) = &found.counts {
-        advice.extend(other_counts(*of_rig, stated));
+    if let Some((_, Ok(stated))) = &found.counts {
+        advice.extend(other_unit(stated));
     }
     match &found.shown {
         None if matches!(found.no_load, Some(Ok(_))) => advice.push(format!("load_cell: {NOT_SHOWN}: {SHOW}")),
@@ -316,14 +328,6 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
                 advice.push(format!(
                     "load_cell: it reads {:.3} N without load. This is subtracted, but check whether it is preloaded or something touches it",
                     no_load.zero.offset_n
-                ));
-            }
-            if no_load.fresh_share < FRESH_SHARE && no_load.zero.frozen_after.is_some() {
-                advice.push(format!(
-                    "load_cell: only {:.0} % of the readings are new: check whether it converts {} times a second \
-                     (`conversions_hz`)",
-                    100.0 * no_load.fresh_share,
-                    spec.load_cell.conversions_hz
                 ));
             }
         }
@@ -396,6 +400,7 @@ struct DoctorJson<'a> {
     reaction_ms: Vec<f64>,
     reaction_worst_ms: Option<f64>,
     approach_mm_s: Option<f64>,
+    findings: &'a [Finding],
     advice: &'a [String],
     check_weight: Option<&'a WeightJson>,
     /// Readings of x, y and the press per newton along each, and their standard uncertainty.
@@ -439,27 +444,10 @@ fn json<'a>(
         reaction_ms: ms(&found.reactions_s),
         reaction_worst_ms: found.reaction.map(|reaction| 1000.0 * reaction.worst_s()),
         approach_mm_s: found.approach_mm_s,
+        findings: &found.findings,
         advice,
         check_weight,
         axes: axes.map(|check| (&check.along, check.u)),
         measures_force: found.shown.as_ref().map(Result::is_ok),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn other_counts_of_a_net_ft_are_named_and_the_same_are_not() {
-        let advice =
-            |of_rig: f64, counts: f64, unit: &str| other_counts(of_rig, &ForceCounts { counts, unit: unit.to_owned() });
-        assert_eq!(advice(1.0 / 0.000_001, 1e6, "N"), None);
-        assert_eq!(
-            advice(1.0 / 0.000_001, 500_000.0, "N").unwrap(),
-            "load_cell: its web page states 500000 counts per N, but the rig 1000000 per N: set the unit N, and write \
-             newton_per_unit = 1 / counts in `driver`"
-        );
-        assert!(advice(1e6, 1e6, "lbf\u{1b}").unwrap().contains("1000000 counts per lbf"));
     }
 }

@@ -2,7 +2,7 @@
 
 use super::permit::{DEPTH_MARGIN_MM, Permit, SPEED_LEAST_MM_S};
 use super::trip::{SafetyRule, Trip};
-use palpate_core::quantity::{Axis, Limits, Place};
+use palpate_core::quantity::{Axis, Limits, Place, Steps};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Largest slope of a surface: a rig with a tilt of more than 5 degrees is refused.
@@ -35,6 +35,21 @@ pub struct DragLimits {
     pub stiffness_n_mm: f64,
     /// Largest force sideways per pressing force.
     pub friction: f64,
+    /// Least stiffness of the specimen along z, N/mm: a force shows how deep the tip can be. `None` if the rig declares none.
+    pub softest_n_mm: Option<f64>,
+}
+
+/// What is known where a drag begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DragStart {
+    /// Largest pressing force, N.
+    pub force_n: f64,
+    /// Largest pressing force since the contact began, N.
+    pub peak_n: f64,
+    /// Largest force sideways, N.
+    pub shear_n: f64,
+    /// Largest depth below the earliest surface, mm.
+    pub depth_mm: f64,
 }
 
 /// A drag of a recipe, from the place of the press.
@@ -53,22 +68,20 @@ pub struct Drag {
 }
 
 impl DragLimits {
-    /// Returns each value at the end of a drag that begins with a pressing force and no force sideways: value, limit and unit. The
-    /// permit's formula, see [`Permit::drag`], without the depth, which a plan doesn't know.
-    pub fn end(&self, limits: &Limits, force_n: f64, way_mm: f64) -> [(f64, f64, &'static str); 3] {
-        self.end_from(limits, [force_n, 0.0], 0.0, way_mm)
-    }
-
-    fn end_from(
-        &self,
-        limits: &Limits,
-        [force_n, shear_n]: [f64; 2],
-        depth_mm: f64,
-        way_mm: f64,
-    ) -> [(f64, f64, &'static str); 3] {
-        let rise_mm = SLOPE_MOST * way_mm;
+    /// Returns each value at the end of a drag: value, limit and unit. Plan and permit have this formula, see [`Permit::drag`].
+    pub fn end(&self, limits: &Limits, steps: &Steps, start: &DragStart, way_mm: f64) -> [(f64, f64, &'static str); 3] {
+        // a stage with steps may end beyond its target
+        let beyond_mm =
+            if steps.is_fine() { 0.0 } else { steps.in_position_mm(Axis::X) + steps.in_position_mm(Axis::Y) };
+        let way_mm = way_mm + beyond_mm;
+        let DragStart { force_n, peak_n, shear_n, depth_mm } = *start;
+        let (stiffness_n_mm, rise_mm) = (limits.stiffness_n_mm, SLOPE_MOST * way_mm);
         // the specimen may have relaxed here, but not where the tip arrives
-        let normal_n = (force_n + limits.stiffness_n_mm * rise_mm).max(limits.stiffness_n_mm * (depth_mm + rise_mm));
+        let by_depth_n = stiffness_n_mm * (depth_mm + steps.reserve_mm());
+        let by_force_n = self
+            .softest_n_mm
+            .map_or(f64::INFINITY, |softest_n_mm| stiffness_n_mm * (peak_n / softest_n_mm + steps.reserve_mm()));
+        let normal_n = force_n.max(by_depth_n.min(by_force_n)) + stiffness_n_mm * rise_mm;
         // a larger force on a slope pushes sideways too
         let sticking_n = shear_n + self.stiffness_n_mm * way_mm + SLOPE_MOST * (normal_n - force_n);
         // friction along a slope, in the axes of the cell
@@ -117,8 +130,10 @@ impl PermittedDrag {
 /// Known state when a drag is requested; the stage is at rest in contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DragContext {
-    /// Pressing force, N, and its standard deviation.
+    /// Pressing force, N.
     pub force_n: f64,
+    /// Largest pressing force since the contact began, N.
+    pub peak_n: f64,
     /// Standard deviation of the pressing force, N.
     pub sigma_n: f64,
     /// Forces along x and y, N.
@@ -134,20 +149,22 @@ pub struct DragContext {
 impl Permit {
     /// Permits a drag, whose end must be safe even if nothing ends the motion earlier.
     ///
-    /// With the way w, the pressing force is at most `Fn' = max(Fn + 3 sigma + kn s w, kn (depth + s w))`, with the largest slope s: where the
-    /// tip arrives, the specimen hasn't relaxed. The force sideways is at most `Ft' = min(Ft + 3 sigma + kt w + s (Fn' - Fn), (mu + s) / (1 - mu s) Fn')`,
-    /// and at least what it is. `hypot(Fn', Ft')` must be within the force limit, `Ft'` within the shear limit, `w` within the longest
-    /// way, and the depth after the largest slope within the depth limit.
+    /// With the way w and the largest slope s, the pressing force is at most `Fn' = max(Fn + 3 sigma, F0) + kn s w`. `F0` is the force on
+    /// a fresh spot: where the tip arrives, the specimen hasn't relaxed. It is at most `kn` times the depth, and at most `kn / k0` times
+    /// the largest force since the contact began, with the least stiffness k0. The force sideways is at most
+    /// `Ft' = min(Ft + 3 sigma + kt w + s (Fn' - Fn), (mu + s) / (1 - mu s) Fn')`, and at least what it is. `hypot(Fn', Ft')` must be
+    /// within the force limit, `Ft'` within the shear limit, `w` within the longest way, and the depth after the largest slope within the
+    /// depth limit.
     ///
     /// # Errors
     /// A trip if the rig allows no drag, or the end isn't safe. Nothing moves then.
     pub fn drag(&self, context: &DragContext, drag: &Drag) -> Result<PermittedDrag, Trip> {
-        let DragContext { force_n, sigma_n, side_n, side_sigma_n, age_s, depth_mm } = *context;
+        let DragContext { force_n, peak_n, sigma_n, side_n, side_sigma_n, age_s, depth_mm } = *context;
         let Some(most) = self.drag else {
             return Err(Trip::new(SafetyRule::NotPermitted, drag.way_mm(), 0.0, "mm of drag"));
         };
         let [x_n, y_n] = side_n;
-        let numbers = [force_n, sigma_n, x_n, y_n, side_sigma_n, depth_mm, drag.x_mm, drag.y_mm];
+        let numbers = [force_n, peak_n, sigma_n, x_n, y_n, side_sigma_n, depth_mm, drag.x_mm, drag.y_mm];
         if let Some(wrong) = numbers.into_iter().find(|number| !number.is_finite()) {
             return Err(Trip::new(SafetyRule::NotFinite, wrong, 0.0, "of a drag")); // `max` and `min` ignore NaN
         }
@@ -156,14 +173,14 @@ impl Permit {
             return Err(Trip::new(SafetyRule::Stale, age_s, self.stale_s, "s"));
         }
         let steps = self.steps();
-        // a stage with steps may end beyond its target
-        let beyond_mm =
-            if steps.is_fine() { 0.0 } else { steps.in_position_mm(Axis::X) + steps.in_position_mm(Axis::Y) };
-        let way_mm = drag.way_mm() + beyond_mm;
-        let forces = [force_n.max(0.0) + 3.0 * sigma_n, x_n.hypot(y_n) + 3.0 * side_sigma_n];
-        let depth_mm = depth_mm + steps.reserve_mm();
-        let depth = (depth_mm + SLOPE_MOST * way_mm, self.limits.depth_mm - DEPTH_MARGIN_MM, "mm");
-        for (value, limit, unit) in most.end_from(&self.limits, forces, depth_mm, way_mm).into_iter().chain([depth]) {
+        let force_n = force_n.max(0.0) + 3.0 * sigma_n;
+        let peak_n = force_n.max(peak_n + 3.0 * sigma_n);
+        let start = DragStart { force_n, peak_n, shear_n: x_n.hypot(y_n) + 3.0 * side_sigma_n, depth_mm };
+        let end = most.end(&self.limits, &steps, &start, drag.way_mm());
+        let [(way_mm, ..), ..] = end;
+        let deepest_mm = depth_mm + steps.reserve_mm() + SLOPE_MOST * way_mm;
+        let depth = (deepest_mm, self.limits.depth_mm - DEPTH_MARGIN_MM, "mm");
+        for (value, limit, unit) in end.into_iter().chain([depth]) {
             let is_safe = value <= limit;
             if !is_safe {
                 return Err(Trip::new(SafetyRule::NotPermitted, value, limit, unit));
@@ -254,7 +271,8 @@ impl DragResponses {
             }
         }
         let [Some(x), Some(y)] = self.0 else { return Ok(()) };
-        let ratio = x.min(y) / x.max(y);
+        // neither axis may have read anything
+        let ratio = if x.max(y) > 0.0 { x.min(y) / x.max(y) } else { 0.0 };
         let is_alike = ratio >= RESPONSE_LEAST; // written as the positive condition, so NaN fails
         if is_alike {
             Ok(())
@@ -297,9 +315,17 @@ mod tests {
     use proptest::prelude::*;
 
     const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
-    const MOST: DragLimits = DragLimits { shear_n: 0.8, slide_mm: 2.0, stiffness_n_mm: 1.5, friction: 1.2 };
-    const AT_1_N: DragContext =
-        DragContext { force_n: 1.0, sigma_n: 0.0, side_n: [0.0; 2], side_sigma_n: 0.0, age_s: 0.01, depth_mm: 0.4 };
+    const MOST: DragLimits =
+        DragLimits { shear_n: 0.8, slide_mm: 2.0, stiffness_n_mm: 1.5, friction: 1.2, softest_n_mm: None };
+    const AT_1_N: DragContext = DragContext {
+        force_n: 1.0,
+        peak_n: 1.0,
+        sigma_n: 0.0,
+        side_n: [0.0; 2],
+        side_sigma_n: 0.0,
+        age_s: 0.01,
+        depth_mm: 0.4,
+    };
 
     fn permit(drag: Option<DragLimits>) -> Permit {
         Permit::new(LIMITS, StageBounds::fine(100.0), 0.05, &Zero::with_noise(0.003)).with_drags(drag)
@@ -350,6 +376,20 @@ mod tests {
     }
 
     #[test]
+    fn a_force_shows_how_deep_the_tip_can_be() {
+        let declared = |softest_n_mm| DragLimits { friction: 0.4, softest_n_mm, ..MOST };
+        let is_permitted =
+            |context: DragContext, softest| permit(Some(declared(softest))).drag(&context, &along_x(0.5)).is_ok();
+        let pressed = DragContext { force_n: 0.5, peak_n: 0.5, depth_mm: 1.2, ..AT_1_N };
+        assert!(!is_permitted(pressed, None), "1.2 mm on a fresh spot are 2.4 N");
+        assert!(is_permitted(pressed, Some(0.6)), "0.5 N are at most 0.83 mm, or 1.67 N");
+        assert!(!is_permitted(pressed, Some(0.5)), "or 2 N");
+        assert!(!is_permitted(DragContext { peak_n: 0.65, ..pressed }, Some(0.6)), "it came up from there");
+        assert!(is_permitted(DragContext { depth_mm: 0.5, ..pressed }, Some(0.1)), "the depth is known better");
+        assert!(!is_permitted(DragContext { peak_n: f64::NAN, ..pressed }, Some(0.6)));
+    }
+
+    #[test]
     fn a_drag_ends_within_the_depth_limit_after_the_largest_slope() {
         let (limits, most) = (Limits { stiffness_n_mm: 1.0, ..LIMITS }, DragLimits { friction: 0.2, ..MOST });
         let permit =
@@ -366,14 +406,18 @@ mod tests {
         fn no_permitted_drag_ends_over_a_limit(
             relaxed in 0.7..1.0f64, depth_mm in 0.05..1.2f64, x_mm in -2.0..2.0f64, y_mm in -2.0..2.0f64,
             slope in -0.0875..0.0875f64, kn in 0.1..1.0f64, kt in 0.1..1.0f64, mu in 0.05..1.0f64,
+            softer in 0.3..1.0f64, is_declared in any::<bool>(),
         ) {
             let (cos, sin) = (1.0 / slope.hypot(1.0), slope / slope.hypot(1.0));
             let (kn, kt, mu) = (kn * LIMITS.stiffness_n_mm, kt * MOST.stiffness_n_mm, mu * MOST.friction);
             let drag = Drag { x_mm, y_mm, ..along_x(0.0) };
             let begins_n = relaxed * kn * depth_mm;
+            // it relaxed on the way down too, by half as much
+            let peak_n = 0.5 * (1.0 + relaxed) * kn * depth_mm * cos;
+            let softest_n_mm = is_declared.then_some(softer * peak_n / depth_mm);
             let context =
-                DragContext { force_n: begins_n * cos, side_n: [begins_n * sin, 0.0], depth_mm, ..AT_1_N };
-            if permit(Some(MOST)).drag(&context, &drag).is_ok() {
+                DragContext { force_n: begins_n * cos, peak_n, side_n: [begins_n * sin, 0.0], depth_mm, ..AT_1_N };
+            if permit(Some(DragLimits { softest_n_mm, ..MOST })).drag(&context, &drag).is_ok() {
                 let (steps, way_mm) = (200, drag.way_mm());
                 let mut held_n = 0.0f64;
                 for step in 1..=steps {

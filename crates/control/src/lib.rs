@@ -22,6 +22,7 @@ mod permit;
 mod plane;
 mod press;
 mod profile;
+mod rate;
 mod response;
 mod side;
 mod speed;
@@ -32,7 +33,7 @@ mod watch;
 mod zero;
 
 pub use budget::{Averaged, UncertaintyBudget};
-pub use drag::{Drag, DragContext, DragLimits, DragResponses, DragWatch, PermittedDrag, check_direction};
+pub use drag::{Drag, DragContext, DragLimits, DragResponses, DragStart, DragWatch, PermittedDrag, check_direction};
 pub use learned_curve::{LearnedCurve, Sunk};
 pub use mains::MainsInterference;
 pub use map::{ContactMap, LearnedContact, Shot};
@@ -46,6 +47,7 @@ pub use press::{
     NoLoadReadings, SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,
 };
 pub use profile::MotionProfile;
+pub use rate::slower_rate_hz;
 pub use response::{Changed, LearnedOutputs, MeasuredContact};
 pub use side::SideZero;
 pub use speed::{Reaction, Timing, safe_speed_mm_s};

@@ -116,18 +116,29 @@ pub enum LoopEvent {
 }
 
 impl LoopEvent {
+    /// The pressing force of a mean, N.
+    pub(super) fn force_n(&self) -> Option<f64> {
+        match *self {
+            LoopEvent::Averaged { force_n }
+            | LoopEvent::Sampled { force_n }
+            | LoopEvent::Followed { force_n }
+            | LoopEvent::AxesAveraged { force_n, .. } => Some(force_n),
+            _ => None,
+        }
+    }
+
     /// # Errors
     /// Returns a trip if a value isn't a finite number.
     pub(super) fn check_finite(&self) -> Result<(), Trip> {
         let (number, unit) = match *self {
             LoopEvent::Begin { z_mm, no_load } => (z_mm + no_load.mean_n + no_load.sigma_n, "mm"),
             LoopEvent::Moved { z_mm } => (z_mm, "mm"),
-            LoopEvent::Averaged { force_n } | LoopEvent::Sampled { force_n } | LoopEvent::Followed { force_n } => {
-                (force_n, "N")
-            }
             LoopEvent::AxesAveraged { force_n, side_n } => (force_n + side_n.map_or(0.0, |[x_n, y_n]| x_n + y_n), "N"),
             LoopEvent::Dragged { x_mm, y_mm } => (x_mm + y_mm, "mm"),
-            LoopEvent::Dwelt => return Ok(()),
+            _ => match self.force_n() {
+                Some(force_n) => (force_n, "N"),
+                None => return Ok(()),
+            },
         };
         if number.is_finite() { Ok(()) } else { Err(Trip::new(SafetyRule::NotFinite, number, 0.0, unit)) }
     }

@@ -40,6 +40,7 @@ impl ForceLoop {
         let (drag, side_n) = (self.task.drag().ok_or_else(unasked)?, side_n.ok_or_else(unasked)?);
         let context = DragContext {
             force_n,
+            peak_n: self.peak_n,
             sigma_n: self.sigma_n,
             side_n,
             side_sigma_n: self.side_sigma_n(),

@@ -57,6 +57,7 @@ impl ForceLoop {
             level: 0,
             z_mm: 0.0,
             force_n: 0.0,
+            peak_n: 0.0,
             sigma_n: 0.0,
             moment: Moment { now_s: 0.0, age_s: f64::INFINITY },
             first_mm: context.expected.first_mm,
@@ -154,6 +155,7 @@ impl ForceLoop {
 
     fn answer(&mut self, event: LoopEvent) -> Result<LoopCommand, Trip> {
         event.check_finite()?;
+        self.peak_n = event.force_n().map_or(self.peak_n, |force_n| self.peak_n.max(force_n));
         match (self.state, event) {
             (PressState::Idle, LoopEvent::Begin { z_mm, no_load }) => {
                 self.z_mm = z_mm;
@@ -221,7 +223,7 @@ impl ForceLoop {
         }
         self.context.zero = self.context.zero.counted_from(&no_load);
         self.sigma_n = self.context.zero.sigma_mean_n(no_load.readings);
-        self.force_n = 0.0;
+        (self.force_n, self.peak_n) = (0.0, 0.0);
         self.next_level()
     }
 

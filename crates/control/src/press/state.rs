@@ -56,6 +56,8 @@ pub struct ForceLoop {
     pub(super) level: usize,
     pub(super) z_mm: f64,
     pub(super) force_n: f64,
+    /// Largest mean since the contact began, N.
+    pub(super) peak_n: f64,
     pub(super) sigma_n: f64,
     pub(super) moment: Moment,
     /// Earliest position of the surface: expected before the touch, touched after it.

@@ -68,7 +68,7 @@ mod tests {
     use super::*;
     use crate::acceptance::SensorVerdict;
     use crate::recipe::Ground;
-    use palpate_core::quantity::{Down, Frame, Limits, Range, StageAbilities, Travel};
+    use palpate_core::quantity::{Down, Frame, Limits, Range, StageAbilities, Steps, Travel};
 
     /// The reasons why a recipe with these steps and this rule can't be decided.
     fn reasons(characterised: &str, tests: usize, rule: &str, u_place_mm: Option<f64>) -> Vec<String> {
@@ -93,6 +93,8 @@ mod tests {
             drag: None,
             three_axes: false,
             abilities: StageAbilities::FULL,
+            steps: Steps::FINE,
+            is_slippery: false,
         };
         let plan = Plan::new(&recipe, &ground, 1).unwrap();
         let truths = Truths { layout: &layout, u_place_mm, u_force_n: Some(0.005) };

@@ -4,6 +4,7 @@
 //! before anything moves. A recipe that requests more than the rig can do or may do has no plan.
 
 mod accept;
+mod drags;
 mod keys;
 mod load;
 mod over_time;
@@ -13,6 +14,7 @@ mod step;
 mod training;
 
 pub use accept::{Accept, parse_rule};
+pub use drags::PlannedDrag;
 pub use parse::parse;
 pub use plan::{Ground, Plan};
 pub use step::UnitChoice;

@@ -1,12 +1,13 @@
 //! The presses of a recipe.
 
 use super::accept::force_limits;
+use super::drags::check_drags;
 use super::keys::{press, record, root};
 use super::training::{Entry, training};
 use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice};
 use palpate_control::{DEPTH_MARGIN_MM, Drag, DragLimits, OverTime, PressLevel, PressTask, SetPoint, Strategy};
 use palpate_core::quantity::{
-    ArrayLayout, Axis, Frame, Limits, Place, Range, StageAbilities, Travel, cell_centres, round, stream,
+    ArrayLayout, Axis, Frame, Limits, Place, Range, StageAbilities, Steps, Travel, cell_centres, round, stream,
 };
 use palpate_document::{PROBLEMS_MAX, Problem, Problems, Span, positions};
 use rand::RngExt;
@@ -46,6 +47,10 @@ pub struct Ground<'a> {
     pub three_axes: bool,
     /// What the stage can do in a motion.
     pub abilities: StageAbilities,
+    /// Steps of the stage.
+    pub steps: Steps,
+    /// Whether the rig is simulated without friction, so that a drag has no force.
+    pub is_slippery: bool,
 }
 
 impl Plan {
@@ -416,41 +421,6 @@ fn check_strategy(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
     if !ground.abilities.changes_speed && step.manner.strategy == Strategy::Velocity && step.load.most_mm() == 0.0 {
         let text = "the strategy \"velocity\" needs a stage that changes its speed, and this one finishes each motion unchanged";
         problems.push(Problem::new(step.places_span.clone(), text).help("write `strategy = \"guarded\"`"));
-    }
-}
-
-/// Checks drags as the permit does, for a press with its set force and no force sideways.
-fn check_drags(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
-    let Some(first) = step.drags.first() else { return };
-    let mut complain = |text: String, help: &str| {
-        problems.push(Problem::new(step.drag_span.clone(), text).help(help));
-    };
-    let Some(most) = ground.drag.filter(|_| ground.three_axes) else {
-        return match ground.three_axes {
-            true => complain(
-                "this step drags the tip in contact, but the rig allows no drag".to_owned(),
-                "add drag = { shear_n, slide_mm, stiffness_n_mm, friction } to [limits] of the rig",
-            ),
-            false => complain(
-                "this step drags the tip in contact, but the load cell has one axis".to_owned(),
-                "a drag needs a load cell with three axes, with `axes` in [load_cell]",
-            ),
-        };
-    };
-    if let Some(shear_n) = first.shear_n.filter(|shear_n| *shear_n > most.shear_n) {
-        let text = format!("this drag ends at {shear_n} N sideways, over the limit of {} N", most.shear_n);
-        complain(text, "use a smaller `shear_n`, or correct `limits.drag` of the rig");
-    }
-    let end = most.end(ground.limits, step.load.most_n(), first.way_mm());
-    if let Some((value, limit, unit)) = end.into_iter().find(|(value, limit, _)| value > limit) {
-        complain(
-            format!(
-                "this drag of {} mm can end with {} {unit}, over the limit of {limit}",
-                first.way_mm(),
-                round(value, 3)
-            ),
-            "drag less far, press less, or correct `limits.drag` of the rig",
-        );
     }
 }
 

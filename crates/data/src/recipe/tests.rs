@@ -2,7 +2,7 @@
 
 use super::{Checks, Ground, PRESSES_CEILING, PRESSES_MAX, Phase, Plan, Recipe, parse};
 use palpate_control::Strategy;
-use palpate_core::quantity::{ArrayLayout, Down, Frame, Limits, Place, Range, StageAbilities, Travel};
+use palpate_core::quantity::{ArrayLayout, Down, Frame, Limits, Place, Range, StageAbilities, Steps, Travel};
 use palpate_document::Problems;
 
 fn plan(steps: &str, seed: u64) -> Result<Plan, Vec<String>> {
@@ -22,6 +22,8 @@ fn plan_with(steps: &str, seed: u64, change: impl Fn(Recipe) -> Recipe) -> Resul
         unforced_mm: None,
         drag: None,
         three_axes: false,
+        steps: Steps::FINE,
+        is_slippery: false,
         abilities: StageAbilities::FULL,
     };
     let recipe = parse("r.toml", &format!("name = \"r\"\n{steps}"))?;

@@ -53,7 +53,10 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
         let monitors = read_monitors(table, beside);
         let limits = table.table(&root::limits);
         let (limits, stiffness_least_n_mm, drag) = match limits.as_ref() {
-            Some(table) => (read_limits(table), read_least(table), read_drag(table)),
+            Some(table) => {
+                let least = read_least(table);
+                (read_limits(table), least, read_drag(table, least.flatten()))
+            }
             None => (None, None, None),
         };
         let frame = table.table(&root::frame);
@@ -62,7 +65,8 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
         let units = array.as_ref().map(|array| array.layout.units().len());
         let scene = match table.table(&root::scene) {
             Some(table) => read_scene(&table, units),
-            None => paper_scene(units.unwrap_or_default()).ok(), // a test shows that the shipped text is sound
+            // a test shows that the shipped text is sound
+            None => paper_scene(units.unwrap_or_default(), limits.as_ref(), stiffness_least_n_mm.flatten()).ok(),
         };
         let notify = document::optional(table.table(&root::notify), read_command);
         let spec = RigSpec {
@@ -232,11 +236,11 @@ fn read_limits(table: &Table) -> Option<Limits> {
 }
 
 /// Reads what a drag may do; the inner value is `None` if the rig allows no drag.
-fn read_drag(table: &Table) -> Option<Option<DragLimits>> {
+fn read_drag(table: &Table, softest_n_mm: Option<f64>) -> Option<Option<DragLimits>> {
     document::optional(table.table(&limits::drag), |table| {
         let numbers = [drag::shear_n, drag::slide_mm, drag::stiffness_n_mm, drag::friction];
         let [shear_n, slide_mm, stiffness_n_mm, friction] = table.numbers(numbers)?;
-        Some(DragLimits { shear_n, slide_mm, stiffness_n_mm, friction })
+        Some(DragLimits { shear_n, slide_mm, stiffness_n_mm, friction, softest_n_mm })
     })
 }
 

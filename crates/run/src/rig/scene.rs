@@ -8,22 +8,38 @@ use super::scene_keys::{
 };
 use super::skin::read_skin;
 use super::{KEYS, SIM_RIG, keys};
-use palpate_core::quantity::{Place, Range, Tilt};
+use palpate_core::quantity::{Limits, Place, Range, Tilt};
 use palpate_document::{self as document, DefaultValue, Key, Problem, Problems, Table};
 use palpate_sim::scene::{
     ContactLaw, FaultKind, Friction, Latencies, LoadCellScene, Mounting, RelaxationBranch, Relief, SceneFault,
     SceneSpec, Servo, Sine, Spikes, Stiffness,
 };
 
+/// Largest stiffness that the paper's rig declares, N/mm.
+const PAPER_N_MM: f64 = 2.0;
+
 /// Returns the scene of the paper's rig, with which a rig without a `[scene]` is simulated. An array with another number than
-/// nine units repeats Table 1 from its top.
-pub(super) fn paper_scene(units: usize) -> Result<SceneSpec, Problems> {
+/// nine units repeats Table 1 from its top. The specimen is as much stiffer as the rig declares, and no softer than it declares.
+pub(super) fn paper_scene(
+    units: usize,
+    limits: Option<&Limits>,
+    least_n_mm: Option<f64>,
+) -> Result<SceneSpec, Problems> {
     let mut paper = document::read("rigs/sim.toml", SIM_RIG, &KEYS, |table| {
         table.table(&keys::root::scene).and_then(|table| read_scene(&table, None))
     })?;
     let noise = paper.skin.noise.as_mut().map(|noise| &mut noise.repeatability_percent);
     for percents in [noise, paper.skin.hysteresis_percent.as_mut()].into_iter().flatten() {
         *percents = percents.iter().copied().cycle().take(units).collect();
+    }
+    if let Some(Limits { stiffness_n_mm, .. }) = limits {
+        let contact = &mut paper.contact;
+        contact.linear_n_mm *= stiffness_n_mm / PAPER_N_MM;
+        contact.quadratic_n_mm2 *= stiffness_n_mm / PAPER_N_MM;
+        if let Some(least_n_mm) = least_n_mm.filter(|least_n_mm| *least_n_mm > contact.linear_n_mm) {
+            contact.linear_n_mm = 0.5 * (least_n_mm + stiffness_n_mm);
+            contact.quadratic_n_mm2 = 0.0;
+        }
     }
     Ok(paper)
 }

@@ -247,6 +247,14 @@ impl RigSpec {
         self
     }
 
+    /// Returns the simulated rig on links without a rate.
+    #[must_use]
+    pub fn without_links(mut self) -> RigSpec {
+        self = self.simulated();
+        (self.stage.link, self.load_cell.link, self.array.link) = (Link::Sim, Link::Sim, Link::Sim);
+        self
+    }
+
     /// Whether there is a load cell. Without one, presses are by depth.
     pub fn has_load_cell(&self) -> bool {
         let driver: &dyn Any = &*self.load_cell.driver;
@@ -336,6 +344,8 @@ impl RigSpec {
             drag: self.drag,
             three_axes: self.has_three_axes(),
             abilities: self.stage.driver.abilities(),
+            steps: self.stage.steps,
+            is_slippery: self.is_simulated() && self.scene.friction.is_none(),
             unforced_mm: (!self.has_load_cell()).then(|| self.unforced_mm(self.is_touched)),
         }
     }

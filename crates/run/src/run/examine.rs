@@ -2,6 +2,7 @@
 
 use super::check_weight::{Ask, AxesMeasurement, KnownWeight, Weighing, WeightMeasurement, weigh};
 use super::clock::RunClock;
+use super::findings::Finding;
 use super::home::{AtHome, at_home};
 use super::monitors::Monitors;
 use super::ready::{NOISE_SHARE, check_no_load};
@@ -10,7 +11,7 @@ use super::shown::{ShownBy, finger, press};
 use super::{Cancel, Halt};
 use crate::rig::RigSpec;
 use palpate_control::{Permit, Reaction, Trip, Zero};
-use palpate_core::quantity::Axis;
+use palpate_core::quantity::{Axis, ForceReading};
 use palpate_data::dataset::MonitorValue;
 use palpate_drivers::lines::{ForceCounts, PAGE_PORT};
 use palpate_link::device::{DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage};
@@ -31,6 +32,8 @@ pub struct Examination {
     pub devices: Vec<(&'static str, Result<Identity, DeviceError>)>,
     /// Identity and value of each monitor, in the order of the rig.
     pub monitors: Vec<(Identity, MonitorValue)>,
+    /// Values of the rig file that aren't the measured ones.
+    pub findings: Vec<Finding>,
     /// Counts per N of the rig, and those that the page of its Net F/T states, or why they aren't known.
     pub counts: Option<(f64, Result<ForceCounts, String>)>,
     /// Durations of exchanges, s, in the same order. Empty for a device that isn't usable.
@@ -71,6 +74,8 @@ pub enum ForceCheck<'a> {
 pub struct NoLoadCell {
     /// Zero of the load cell, and its noise.
     pub zero: Zero,
+    /// Number of readings.
+    pub readings: usize,
     /// Fraction of the readings that differ from the reading before.
     pub fresh_share: f64,
     /// Largest standard deviation of any unit's output, V; `None` if the array failed.
@@ -93,7 +98,9 @@ pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel, asked: ForceChe
     let mut found = Examination { devices, monitors, ..Examination::default() };
     if let (Some(counts), Link::Udp { host, .. }) = (spec.load_cell.driver.net_ft_counts(), &spec.load_cell.link) {
         let page = Connector::Real(Link::Tcp { host: host.clone(), port: PAGE_PORT });
-        found.counts = Some((counts, ForceCounts::ask(&page).await));
+        let stated = ForceCounts::ask(&page).await;
+        found.findings.extend(stated.as_ref().ok().and_then(|stated| Finding::of_counts(counts, stated)));
+        found.counts = Some((counts, stated));
     }
     look(&mut rig_control, spec, cancel, &mut found).await?;
     let is_usable = found.devices[..2].iter().all(|(_, device)| device.is_ok());
@@ -177,7 +184,11 @@ async fn look(
         }
     }
     if answers[1] {
-        found.no_load = Some(without_load(rig_control, answers[2]).await?);
+        let no_load = without_load(rig_control, answers[2]).await?;
+        found.no_load = Some(no_load.map(|(no_load, readings)| {
+            found.findings.extend(Finding::of_rate(&readings, spec));
+            no_load
+        }));
     }
     let [stage_s, load_cell_s, _] = &found.exchanges_s;
     if let (Some(Ok(no_load)), false) = (&found.no_load, stage_s.is_empty()) {
@@ -197,18 +208,23 @@ async fn look(
     Ok(())
 }
 
-async fn without_load(rig_control: &mut AnyRigControl<'_>, has_array: bool) -> Result<Result<NoLoadCell, Trip>, Halt> {
+async fn without_load(
+    rig_control: &mut AnyRigControl<'_>,
+    has_array: bool,
+) -> Result<Result<(NoLoadCell, Vec<ForceReading>), Trip>, Halt> {
     let readings = match rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await {
         Err(Halt::Tripped(trip)) => return Ok(Err(trip)),
         readings => readings?,
     };
     let fresh = readings.windows(2).filter(|pair| pair[0].force_n != pair[1].force_n).count();
     let outputs_sigma_v = if has_array { Some(spread_v(&mut rig_control.array).await?) } else { None };
-    Ok(Ok(NoLoadCell {
+    let no_load = NoLoadCell {
         zero: Zero::of(&readings, rig_control.cell.cell.conversion().as_secs_f64()),
+        readings: readings.len(),
         fresh_share: fresh as f64 / (readings.len() - 1) as f64,
         outputs_sigma_v,
-    }))
+    };
+    Ok(Ok((no_load, readings)))
 }
 
 /// Returns the largest spread of any unit's output, V.

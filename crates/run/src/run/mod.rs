@@ -14,6 +14,7 @@ mod drag;
 mod examine;
 mod execute;
 mod feel;
+mod findings;
 mod home;
 mod last_resort;
 mod monitors;
@@ -41,6 +42,7 @@ pub use check_weight::{
 };
 pub use examine::{Examination, ForceCheck, NoLoadCell, examine};
 pub use execute::{Ending, Listener, RunJob, execute, execute_on};
+pub use findings::Finding;
 pub use home::{Retracted, retract};
 pub use last_resort::LAST_RESORT_SHARE;
 pub use pace::keep_pace;

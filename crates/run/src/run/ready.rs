@@ -1,12 +1,13 @@
 //! Prepares a rig: moves the stage to the clear, homes it, measures the time of the links, and measures the zero.
 
 use super::clock::RunClock;
+use super::findings::Finding;
 use super::home::{AtHome, at_home};
 use super::rig_control::AnyRigControl;
 use super::{Cancel, Halt};
 use crate::rig::{OpenRig, RigSpec};
 use palpate_control::{Reaction, SafetyRule, Timing, Trip, Watch, Zero};
-use palpate_core::quantity::{Axis, Range};
+use palpate_core::quantity::{Axis, ForceReading, Range};
 use palpate_data::dataset::Record;
 use palpate_link::device::{Identity, LoadCell, MotionOrders, Stage};
 use palpate_link::time::Instant;
@@ -50,7 +51,12 @@ pub(super) async fn make_ready<'a>(rig: OpenRig, conditions: &Conditions<'a>) ->
     let array_identity = array?;
     let reaction = time(&mut rig_control, conditions.spec.load_cell.lag_s).await?;
     rig_control.timing = Timing { exchange_s: reaction.stage_s, reaction_s: reaction.worst_s(), ..rig_control.timing };
-    let zero = take_zero(&mut rig_control, conditions).await?;
+    let readings = without_load(&mut rig_control).await?;
+    if let Some(finding) = Finding::of_rate(&readings, conditions.spec) {
+        // the loop would count on forces that are older than it knows
+        return Err(finding.error().into());
+    }
+    let zero = zero_of(&readings, &mut rig_control, conditions).await?;
     conditions.cancel.prepared();
     Ok(Ready { rig_control, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
 }
@@ -73,8 +79,20 @@ pub(super) async fn take_zero(
     rig_control: &mut AnyRigControl<'_>,
     conditions: &Conditions<'_>,
 ) -> Result<Record, Halt> {
-    let readings = rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
-    let zero = Zero::of(&readings, rig_control.cell.cell.conversion().as_secs_f64());
+    let readings = without_load(rig_control).await?;
+    zero_of(&readings, rig_control, conditions).await
+}
+
+async fn without_load(rig_control: &mut AnyRigControl<'_>) -> Result<Vec<ForceReading>, Halt> {
+    rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await
+}
+
+async fn zero_of(
+    readings: &[ForceReading],
+    rig_control: &mut AnyRigControl<'_>,
+    conditions: &Conditions<'_>,
+) -> Result<Record, Halt> {
+    let zero = Zero::of(readings, rig_control.cell.cell.conversion().as_secs_f64());
     let most_n = NOISE_SHARE * conditions.spec.limits.force_n;
     if zero.sigma_n > most_n {
         return Err(Trip::new(SafetyRule::Noisy, zero.sigma_n, most_n, "N").into());

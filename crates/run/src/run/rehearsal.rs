@@ -2,14 +2,15 @@
 //! works, and how long it takes.
 
 use super::checks::{CheckTimes, expected_checks};
-use super::{Cancel, Listener, RunJob, execute_on};
+use super::{Cancel, Halt, Listener, RunJob, execute_on};
 use crate::rig::RigSpec;
-use palpate_control::{MotionProfile, OverTime, PressTask};
+use palpate_control::{DragLimits, MotionProfile, OverTime, PressTask, Trip};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{Memory, RecordedCheck, RecordedContact};
 use palpate_data::recipe::{Entry, Plan, SeriesScope};
 use palpate_link::device::DeviceError;
 use palpate_link::time::{Instant, run_virtually};
+use palpate_sim::scene::Friction;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -55,6 +56,8 @@ pub struct EarlyEnd {
     pub press: Option<u64>,
     /// Place of this press.
     pub place: Option<Place>,
+    /// The trip, if a safety rule was broken.
+    pub trip: Option<Trip>,
     /// The reason.
     pub text: String,
 }
@@ -85,7 +88,9 @@ impl Rehearsal {
 pub fn rehearse(plan: &Plan, spec: &RigSpec) -> Result<Rehearsal, DeviceError> {
     let mut simulated = spec.clone().simulated();
     if !spec.is_simulated() {
-        simulated.scene.faults.clear();
+        let scene = &mut simulated.scene;
+        scene.faults.clear();
+        scene.friction = scene.friction.or_else(|| spec.drag.as_ref().map(usual_friction));
     }
     let kinds = kinds(plan);
     let first = first_ones(plan, &kinds);
@@ -95,6 +100,13 @@ pub fn rehearse(plan: &Plan, spec: &RigSpec) -> Result<Rehearsal, DeviceError> {
     Ok(performed(&part, &simulated)?.extrapolated(plan, spec, &kinds, (&first, &chosen)))
 }
 
+/// Returns a friction within what a rig declares, for a real specimen whose own is not known.
+fn usual_friction(most: &DragLimits) -> Friction {
+    const SHARE: f64 = 0.8;
+    let sticking = SHARE * most.friction;
+    Friction { sticking, sliding: SHARE * sticking, stiffness_n_mm: SHARE * most.stiffness_n_mm }
+}
+
 /// Times of a rehearsal, s since its beginning.
 #[derive(Default)]
 struct Performed {
@@ -102,7 +114,8 @@ struct Performed {
     recorded_s: Vec<f64>,
     checked_s: Option<f64>,
     parked_s: f64,
-    text: Option<String>,
+    /// Why it ended early.
+    early: Option<(Option<Trip>, String)>,
 }
 
 /// Notes the times of a rehearsal.
@@ -130,7 +143,12 @@ fn performed(part: &Plan, spec: &RigSpec) -> Result<Performed, DeviceError> {
         let mut times = Times { began, performed: Performed::default() };
         let job = RunJob { plan: part, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let ending = execute_on(rig, job, &mut times).await;
-        Ok(Performed { parked_s: began.elapsed().as_secs_f64(), text: ending.text(), ..times.performed })
+        let trip = match &ending.halt {
+            Some(Halt::Tripped(trip)) => Some(trip.clone()),
+            _ => None,
+        };
+        let early = ending.text().map(|text| (trip, text));
+        Ok(Performed { parked_s: began.elapsed().as_secs_f64(), early, ..times.performed })
     })
 }
 
@@ -189,9 +207,10 @@ impl Performed {
             .map_or_else(Vec::new, |check_s| expected_checks(plan, &CheckTimes { entries_s: &entries_s, check_s }));
         let under_way = chosen.get(self.recorded_s.len()).filter(|_| self.begins_s.len() > self.recorded_s.len());
         let under_way = under_way.map(|&index| &entries[index]);
-        let early = self.text.map(|text| EarlyEnd {
+        let early = self.early.map(|(trip, text)| EarlyEnd {
             press: under_way.map(|entry| entry.press),
             place: under_way.map(|entry| entry.place),
+            trip,
             text,
         });
         Rehearsal {

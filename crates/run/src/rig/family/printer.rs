@@ -11,8 +11,5 @@ pub(super) fn misfits(rig: &RigSpec) -> Vec<Misfit> {
         let help = "write `home = \"by hand\"`: a person brings the axes to the rig's zero";
         misfits.push(misfit("a printer can't be stopped while it searches for home", help));
     }
-    if rig.drag.is_some() {
-        misfits.push(misfit("a printer can't be stopped during a drag", "remove `drag` of [limits]"));
-    }
     misfits
 }

@@ -158,9 +158,6 @@ impl Driver for UrStageSpec {
                 "copy RX, RY and RZ while the tool points at the specimen, and the points in the order zero, x, y",
             ));
         }
-        if rig.drag.is_some() {
-            misfits.push(misfit("an arm isn't stopped in time during a drag".to_owned(), "remove `drag` of [limits]"));
-        }
         misfits
     }
 }
