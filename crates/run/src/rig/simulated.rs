@@ -82,9 +82,9 @@ impl RigSpec {
             latencies: spec.latencies,
         };
         let scene = Scene::new(spec, setting, seed);
-        let stage = self.stage.driver.emulated(&scene, self);
-        let load_cell = self.load_cell.driver.emulated(self, &stage)?;
-        let array = self.array.driver.emulated(self)?;
+        let stage = self.stage.driver.emulated(&scene, self).on(&self.stage.link);
+        let load_cell = self.load_cell.driver.emulated(self, &stage)?.on(&self.load_cell.link);
+        let array = self.array.driver.emulated(self)?.on(&self.array.link);
         let monitors = self.monitors.iter().map(|monitor| monitor.emulated(self, &scene)).collect::<Result<_, _>>()?;
         Ok(SimulatedRig { scene: Arc::new(Mutex::new(scene)), stage, load_cell, array, monitors })
     }

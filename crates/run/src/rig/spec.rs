@@ -237,13 +237,13 @@ impl RigSpec {
         Some(touch_sigma_mm.hypot(stage_mm).hypot(deflections_mm))
     }
 
-    /// Returns the same rig with this program's emulators instead of its links.
+    /// Returns the same rig with this program's emulators instead of its links. A serial line keeps its rate.
     #[must_use]
     pub fn simulated(mut self) -> RigSpec {
-        self.stage.link = Link::Sim;
-        self.load_cell.link = Link::Sim;
-        self.array.link = Link::Sim;
-        self.monitors.iter_mut().for_each(|monitor| monitor.array.link = Link::Sim);
+        let monitors = self.monitors.iter_mut().map(|monitor| &mut monitor.array.link);
+        for link in [&mut self.stage.link, &mut self.load_cell.link, &mut self.array.link].into_iter().chain(monitors) {
+            *link = std::mem::replace(link, Link::Sim).emulated();
+        }
         self
     }
 
@@ -260,7 +260,7 @@ impl RigSpec {
 
     /// Whether this program's emulators are at the far ends. The run then uses virtual time.
     pub fn is_simulated(&self) -> bool {
-        self.stage.link == Link::Sim
+        self.stage.link.is_simulated()
     }
 
     /// Returns the source of the direction of z; `None` if the rig is simulated.

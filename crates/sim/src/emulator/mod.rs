@@ -2,8 +2,8 @@
 //! the manual.
 //!
 //! An [`Instrument`] is one device. It finds complete requests in a stream of bytes and answers them; it has no access to clocks,
-//! sockets or threads. [`serve`] puts it on the far end of any stream, on tokio's paused clock or the real one. [`listen`] offers
-//! it to other programs. These emulators and the drivers are two independent implementations of one manual and share no code, so
+//! sockets or threads. [`serve`] puts it on the far end of any stream, on tokio's paused clock or the real one, and
+//! [`serve_on`] on that of a serial line. [`listen`] offers it to other programs. These emulators and the drivers are two independent implementations of one manual and share no code, so
 //! that a wrong scale factor cannot cancel out.
 //!
 //! - [`Esp301Emulator`]: a Newport ESP301 motion controller with three VP-25XL stages.
@@ -25,6 +25,7 @@ mod esp301;
 mod faults;
 mod grbl;
 mod klipper;
+mod line;
 pub mod lines;
 pub mod listen;
 mod marlin;
@@ -47,6 +48,7 @@ pub use klipper::{KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultAfter
 pub use marlin::{
     Announced as MarlinAnnounced, MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultAfterBytes, MarlinFaultKind,
 };
+pub use line::serve_on;
 pub use modbus::{
     LabJackT7, LaumasTlb, Modbus, Refusal, RegisterBytes, RegisterMap, RobotiqFt300, SenecaZsg, Transmitter,
 };
@@ -62,6 +64,7 @@ pub use ur::{
 pub use xps::{XpsEmulator, XpsFault, XpsFaultAfterBytes, XpsFaultKind};
 
 use crate::scene::{Scene, SceneDevice};
+use palpate_link::wire::SerialLine;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -101,6 +104,13 @@ pub trait Instrument: Send {
     /// Time until which the device accepts no requests, s. If this time has passed, the device listens.
     fn deaf_until_s(&self) -> f64 {
         0.0
+    }
+
+    /// Puts the device on a serial line that the rig names. Returns whether the device itself sends each byte at its time;
+    /// otherwise the line delays what it sends.
+    fn on_line(&mut self, line: SerialLine) -> bool {
+        let _ = line;
+        false
     }
 
     /// Opens a link. Returns the instrument that represents the device on this link, if the device separates its links. `None` if

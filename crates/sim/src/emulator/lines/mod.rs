@@ -49,6 +49,7 @@ use super::{Instrument, Owed, Shared};
 use crate::scene::{Scene, SceneDevice};
 use fault::LineFaults;
 use palpate_core::quantity::{RandomStream, stream};
+use palpate_link::wire::SerialLine;
 use port::Uart;
 use rand::RngExt;
 use std::collections::VecDeque;
@@ -310,6 +311,12 @@ impl<F: BoardFirmware> Instrument for SerialBoard<F> {
             self.bell.notify_waiters();
         }
         Vec::new()
+    }
+
+    /// The rate of the link replaces that of the sketch. A board knows when its line is busy, so it times its bytes itself.
+    fn on_line(&mut self, line: SerialLine) -> bool {
+        self.uart.set_byte_s(line.time_s(1));
+        true
     }
 
     fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
