@@ -28,11 +28,12 @@ mod one_number;
 mod port;
 mod print;
 mod reskin;
+mod scale;
 #[cfg(test)]
 mod tests;
 mod velostat;
 
-pub use axes::STRAIGHT;
+pub use axes::{STRAIGHT, read as read_axes};
 pub use bota::Bota;
 pub use fault::{Damage, DamageKind, LineFault, LineFaultKind};
 pub use gsv8::Gsv8;
@@ -43,6 +44,7 @@ pub use net_ft::NetFt;
 pub use one_number::OneNumber;
 pub use port::Port;
 pub use reskin::ReSkin;
+pub use scale::CellScale;
 pub use velostat::Velostat;
 
 use super::{Instrument, Owed, Shared};
