@@ -535,6 +535,13 @@ pub struct OwnFile {
     pub text: Option<String>,
 }
 
+impl OwnFile {
+    /// Says why the device that the text describes can't be simulated.
+    pub(super) fn not_simulated(&self, why: &str) -> String {
+        format!("\"{}\" can't be simulated: {why}", self.name)
+    }
+}
+
 impl<'a> RigWiring<'a> {
     /// Creates the data of a rig none of whose drivers has been opened.
     pub(super) fn new(rig: &'a RigSpec, scene: Option<Shared<Scene>>, origin: Instant) -> Self {
