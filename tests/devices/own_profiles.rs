@@ -2,7 +2,7 @@
 
 use palpate_run::rig::{self, RigSpec};
 use palpate_testing::executions::{ExecutedRun, executed, in_parallel, must_be_none, plan};
-use palpate_testing::{campaign, shipped_text};
+use palpate_testing::{TestFolder, campaign, shipped_text};
 use std::io;
 
 /// Largest relative difference of a run's true peak force when only what the rig states of a device differs.
@@ -40,7 +40,8 @@ fn spec(rig: &str, file: &'static str) -> RigSpec {
         "mine.toml" => Ok(file.to_owned()),
         _ => Err(io::ErrorKind::NotFound.into()),
     };
-    let mut spec = rig::parse("rig.toml", rig, &beside).unwrap_or_else(|p| panic!("{rig}\n{:?}", p.lines())).simulated();
+    let mut spec =
+        rig::parse("rig.toml", rig, &beside).unwrap_or_else(|p| panic!("{rig}\n{:?}", p.lines())).simulated();
     // a cell without noise: then two runs differ only by what they are about
     if let Some(cell) = &mut spec.scene.load_cell {
         cell.noise_n = cell.noise_n.min(0.001);
@@ -134,7 +135,8 @@ const PACKET: &str = "name = \"mine\"\non_start_hex = \"01 02\"\n[frame]\npacket
      [counter]\ncolumn = 1\nstep = 1\n[force]\ncolumns = \"2-4\"\nnewton_per_unit = 0.5\n";
 
 /// A gauge that answers a question.
-const ASKED: &str = "name = \"mine\"\nask = \"R\\r\"\n[text]\ncolumns = 1\nafter = \" mN\"\n[force]\nnewton_per_unit = 0.001\n";
+const ASKED: &str =
+    "name = \"mine\"\nask = \"R\\r\"\n[text]\ncolumns = 1\nafter = \" mN\"\n[force]\nnewton_per_unit = 0.001\n";
 
 /// A transmitter with decimals, a sign bit, a state and a number that proves the map.
 const CELL_MAP: &str = "name = \"mine\"\ntransport = \"rtu\"\nunit_id = 7\ndeadline_ms = 200\naddress_base = 40001\n\
@@ -160,14 +162,26 @@ fn own_rigs() -> Vec<(&'static str, String, &'static str)> {
         ("map of a cell", with_cell(map, CELL_LINK, hz), CELL_MAP),
         (
             "packets",
-            cell("link = \"udp://192.168.1.1:4000\"", "conversions_hz = 500.0\naxes = { x = \"y\", y = \"x\", press = \"z\" }\n"),
+            cell(
+                "link = \"udp://192.168.1.1:4000\"",
+                "conversions_hz = 500.0\naxes = { x = \"y\", y = \"x\", press = \"z\" }\n",
+            ),
             PACKET,
         ),
         ("frames with both", with_array(&cell(CELL_LINK, hz), own, CELL_LINK, FIVE), FRAME),
         ("two boards", with_array(&cell(CELL_LINK, hz), own, ARRAY_LINK, FIVE), TEXT),
         ("asked", cell(CELL_LINK, "conversions_hz = 20.0\n"), ASKED),
         ("over TCP", cell("link = \"tcp://192.168.1.1:4000\"", hz), TEXT),
-        ("map of an array", with_array(&esp301, map, "link = \"tcp://192.168.1.2:502\"", "grid = { rows = 3, columns = 3, pitch_mm = 4.5 }"), ARRAY_MAP),
+        (
+            "map of an array",
+            with_array(
+                &esp301,
+                map,
+                "link = \"tcp://192.168.1.2:502\"",
+                "grid = { rows = 3, columns = 3, pitch_mm = 4.5 }",
+            ),
+            ARRAY_MAP,
+        ),
     ]
 }
 
@@ -182,4 +196,65 @@ fn a_run_with_a_profile_or_a_map_of_the_user_is_complete() {
         wrong(name, &run).into_iter().chain(dead).collect::<Vec<_>>()
     });
     must_be_none(&ends.concat());
+}
+
+/// Lines of load cells: profile, link and conversions per second.
+const LINES: [(&str, &str, f64); 4] = [
+    ("seneca-zsg", "2400", 10.0),
+    ("generic-rs485", "9600", 50.0),
+    ("generic-rs485", "19200&parity=even", 100.0),
+    ("laumas-tlb", "9600&stop_bits=2", 30.0),
+];
+
+#[test]
+fn a_run_on_a_slow_serial_line_is_complete_and_takes_the_time_of_its_bytes() {
+    let lines = &LINES[..campaign::size(1, LINES.len())];
+    let ends = in_parallel(lines, |(name, rate, hz)| {
+        let rig = |rate: &str| {
+            let link = format!("link = \"serial:///dev/ttyUSB1?baud={rate}\"");
+            let mut spec =
+                spec(&with_cell(&format!("{{ modbus = \"{name}\" }}"), &link, "conversions_hz = 100.0\n"), "");
+            spec.load_cell.conversions_hz = *hz;
+            spec
+        };
+        let (slow, quick) = (run(&rig(rate)), run(&rig("921600")));
+        let is_longer = slow.virtual_s > quick.virtual_s;
+        let times = format!("{name} at {rate}: {:.1} s, at 921600: {:.1} s", slow.virtual_s, quick.virtual_s);
+        println!("{times}");
+        wrong(&format!("{name} at {rate}"), &slow).into_iter().chain((!is_longer).then_some(times)).collect::<Vec<_>>()
+    });
+    must_be_none(&ends.concat());
+}
+
+#[test]
+fn what_the_numbers_of_a_device_cannot_hold_is_named_by_its_key() {
+    let own = "{ lines = \"mine.toml\" }";
+    let map = "{ modbus = \"mine.toml\" }";
+    let frame = FRAME.replace("\"i32\"", "\"i8\"");
+    let registers = CELL_MAP.replace(
+        "type = \"u32\"\nword_order = \"little\"\nnewton_per_unit = 2.0",
+        "type = \"u16\"\nnewton_per_unit = 0.00001",
+    );
+    for (driver, file, expected) in [
+        (
+            own,
+            frame.as_str(),
+            "\"mine.toml\" can't be simulated: 2 N is the number 20000, but its numbers go from -128 to 127",
+        ),
+        (
+            map,
+            registers.as_str(),
+            "can't be simulated: 2 N is the number 200012, but its numbers go from -65535 to 65535: correct `newton_per_unit` or `offset`",
+        ),
+    ] {
+        let bench = TestFolder::with([
+            ("rig.toml", &*with_cell(driver, CELL_LINK, "conversions_hz = 100.0\n")),
+            ("mine.toml", file),
+            ("recipe.toml", RECIPE),
+        ]);
+        let refused = bench.palpate_ends(2, "run recipe.toml --rig rig.toml --simulate").running();
+        assert!(refused.contains(expected), "{refused}");
+        let noted = bench.palpate_ends(0, "check recipe.toml --rig rig.toml").running();
+        assert!(noted.contains("note: this rig can't be simulated: ") && noted.contains(expected), "{noted}");
+    }
 }

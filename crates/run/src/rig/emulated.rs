@@ -55,7 +55,12 @@ impl EmulatedDevice {
 
     /// Returns the emulator of an instrument that sends datagrams.
     pub(super) fn datagrams<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
-        EmulatedDevice { far_end: FarEnd::Datagrams(Arc::new(Mutex::new(instrument))), protocol, ports: &[], line: None }
+        EmulatedDevice {
+            far_end: FarEnd::Datagrams(Arc::new(Mutex::new(instrument))),
+            protocol,
+            ports: &[],
+            line: None,
+        }
     }
 
     /// Returns the emulator of a program.

@@ -2,9 +2,10 @@
 //! the manual.
 //!
 //! An [`Instrument`] is one device. It finds complete requests in a stream of bytes and answers them; it has no access to clocks,
-//! sockets or threads. [`serve`] puts it on the far end of any stream, on tokio's paused clock or the real one, and
-//! [`serve_on`] on that of a serial line. [`listen`] offers it to other programs. These emulators and the drivers are two independent implementations of one manual and share no code, so
-//! that a wrong scale factor cannot cancel out.
+//! sockets or threads. [`serve`] puts it on the far end of any stream, on tokio's paused clock or the real one, and [`serve_on`] on
+//! that of a serial line. [`listen`] offers it to other programs. These emulators and the drivers are two independent
+//! implementations of one manual and share no code, so that a wrong scale factor cannot cancel out. Only the calibration of a device
+//! is that of the rig.
 //!
 //! - [`Esp301Emulator`]: a Newport ESP301 motion controller with three VP-25XL stages.
 //! - [`XpsEmulator`]: a Newport XPS-Q8 motion controller with one group of three VP-25XL stages, and a load cell on an analog input.
@@ -45,10 +46,10 @@ pub use grbl::{
     ROOM_MM as GRBL_ROOM_MM,
 };
 pub use klipper::{KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultAfterBytes, KlipperFaultKind};
+pub use line::serve_on;
 pub use marlin::{
     Announced as MarlinAnnounced, MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultAfterBytes, MarlinFaultKind,
 };
-pub use line::serve_on;
 pub use modbus::{
     LabJackT7, LaumasTlb, Modbus, Refusal, RegisterBytes, RegisterMap, RobotiqFt300, SenecaZsg, Transmitter,
 };

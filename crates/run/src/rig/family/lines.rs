@@ -13,7 +13,8 @@ use palpate_drivers::{AnyArray, AnyLoadCell};
 use palpate_link::device::DeviceError;
 use palpate_link::wire::Link;
 use palpate_sim::emulator::lines::{
-    BoardFirmware, Bota, CellScale, Gsv8, Hx711, Hx711Sketch, Mark10, NetFt, OneNumber, ReSkin, STRAIGHT, SerialBoard, Velostat,
+    BoardFirmware, Bota, CellScale, Gsv8, Hx711, Hx711Sketch, Mark10, NetFt, OneNumber, ReSkin, STRAIGHT, SerialBoard,
+    Velostat,
 };
 use palpate_sim::scene::SceneDevice;
 use std::sync::Arc;
@@ -250,10 +251,9 @@ impl Sender {
         let outputs = self.profile.outputs.as_ref()?;
         // the narrowest of its columns holds all
         let wholes = outputs.columns.iter().filter_map(|column| self.profile.whole_range(*column));
-        let range = wholes.chain(outputs.possible).reduce(|range, other| Range {
-            min: range.min.max(other.min),
-            max: range.max.min(other.max),
-        });
+        let range = wholes
+            .chain(outputs.possible)
+            .reduce(|range, other| Range { min: range.min.max(other.min), max: range.max.min(other.max) });
         let full_scale_n = rig.full_scale_n.unwrap_or(rig.limits.force_n);
         Some(ArrayResponse::new(outputs.scale, outputs.offset, range, full_scale_n))
     }

@@ -147,8 +147,8 @@ impl ArrayDriver for ModbusArraySpec {
         let Profile { name, outputs: own, .. } = &self.0.profile;
         let most = own.as_ref().map_or(0, |own| own.count_max);
         let text = format!("{}, but {name} has {most} outputs", counted(layout));
-        let help = "a register map of your own can have more, on real links; to simulate more outputs, use { process = [...] }: `palpate init \
-                    --from magnetic` writes such a rig";
+        let help = "a register map of your own can have more, and so can { process = [...] }: `palpate init --from magnetic` writes such \
+                    a rig";
         (layout.len() > most).then_some((text, Some(help)))
     }
 }

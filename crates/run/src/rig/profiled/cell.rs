@@ -9,6 +9,9 @@ use palpate_sim::scene::Scene;
 /// Ratio of an emulated load cell's range to the force for which it is designed.
 pub(in crate::rig) const RANGE_OVER_LIMIT: f64 = 2.5;
 
+/// Steps of 1 in a message about a number: more digits would be those of a division.
+const SHOWN_STEPS: f64 = 1000.0;
+
 /// A load cell with one axis or three.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::rig) struct ProfiledCell {
@@ -54,7 +57,7 @@ impl ProfiledCell {
         beyond.map_or(Ok(()), |force_n| {
             let text = format!(
                 "{force_n} N is the number {}, but its numbers go from {} to {}: correct `newton_per_unit` or `offset`",
-                number(force_n),
+                (number(force_n) * SHOWN_STEPS).round() / SHOWN_STEPS,
                 range.min,
                 range.max
             );

@@ -78,7 +78,9 @@ impl MappedRegisters {
                     for (nth, force_n) in (0..force.count()).zip(forces_n) {
                         let units = units(force, force_n, decimals);
                         let number = if force.sign.is_some() { units.abs() } else { units };
-                        set(force.register.address + nth * encoding.registers(), &encoding.encode(number));
+                        // one beyond the last register is none
+                        let address = force.register.address.checked_add(nth * encoding.registers());
+                        address.into_iter().for_each(|address| set(address, &encoding.encode(number)));
                         if let Some(sign) = force.sign.filter(|_| units < 0.0) {
                             set(sign.address, &[1 << sign.bit]);
                         }
@@ -92,9 +94,8 @@ impl MappedRegisters {
                 let mut outputs = vec![0.0; scene.taxels()];
                 scene.outputs(now_s, &mut outputs);
                 let encoding = own.register.encoding;
-                let words = outputs.iter().flat_map(|output| {
-                    encoding.encode(response.number(*output, scene.is_monitored()))
-                });
+                let words =
+                    outputs.iter().flat_map(|output| encoding.encode(response.number(*output, scene.is_monitored())));
                 set(own.register.address, &words.collect::<Vec<u16>>());
             }
             _ => {}
@@ -153,5 +154,48 @@ impl RegisterMap for MappedRegisters {
 
     fn write(&mut self, _: u16, _: &[RegisterBytes], _: &mut Scene, _: f64) -> Result<(), Refusal> {
         Err(Refusal::Address)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::most_n;
+    use super::*;
+    use crate::rig::{SIM_RIG, parse};
+    use palpate_core::parallel::lock;
+
+    const MAP: &str = "name = \"a\"\ntransport = \"rtu\"\nunit_id = 1\ndeadline_ms = 200\n[force]\naddress = 8\n\
+        type = \"u16\"\nnewton_per_unit = 0.1\noffset = 20.0\ndecimals = { address = 5, mask = 48, shift = 4 }\n\
+        sign = { address = 7, bit = 3 }\n[status]\naddress = 7\nsaturated_bits = [1]\n\
+        [[probe]]\nwhat = \"model\"\naddress = 2\ntype = \"u16\"\nvalue = 17\n";
+
+    /// The words from 0 to 9, at rest, of a device whose numbers are those of `more`.
+    fn words(from: &str, to: &str) -> [u16; 10] {
+        let rig = parse("rig.toml", SIM_RIG, &|_| Err(std::io::ErrorKind::NotFound.into())).expect("the shipped rig");
+        let profile = Profile::parse("a.toml", &MAP.replace(from, to)).expect("a map");
+        let cell = ProfiledCell::new(&rig, false, None);
+        assert_eq!(cell.range_n(), most_n(&rig));
+        let mut map = MappedRegisters::of_cell(profile, cell);
+        let scene = rig.emulators(1).expect("emulators").scene;
+        let mut words = [[0; 2]; 10];
+        map.read(0, &mut words, &mut lock(&scene), 0.0).expect("registers");
+        words.map(u16::from_be_bytes)
+    }
+
+    #[test]
+    fn registers_have_the_number_its_decimals_its_sign_and_what_proves_the_map() {
+        let at_rest = words("", "");
+        assert_eq!([at_rest[2], at_rest[5], at_rest[7]], [17, 3 << 4, 0]);
+        // 0 N within the noise of the cell, of 0.1 mN each
+        assert!((-180..220).contains(&i32::from(at_rest[8])), "{at_rest:?}");
+        let below = words("offset = 20.0", "offset = -2000.0");
+        assert_eq!(below[7], 1 << 3);
+        assert!((1800..2200).contains(&below[8]), "{below:?}");
+    }
+
+    #[test]
+    fn a_device_has_no_more_decimals_than_its_numbers_hold() {
+        assert_eq!(words("newton_per_unit = 0.1", "newton_per_unit = 0.001")[5], 1 << 4);
+        assert_eq!(words("mask = 48", "mask = 16")[5], 1 << 4);
     }
 }

@@ -34,9 +34,9 @@ impl ArrayResponse {
     /// Returns the number of an output. `is_value`: the output is a value with a unit, such as a temperature, which the rig gets
     /// back as it is.
     pub(super) fn number(&self, output: f64, is_value: bool) -> f64 {
-        let number =
-            if is_value { output / self.scale + self.offset } else { self.rest + output * self.per_output };
-        self.range.map_or(number, |range| number.clamp(range.min, range.max))
+        let number = if is_value { output / self.scale + self.offset } else { self.rest + output * self.per_output };
+        // not `clamp`, which has no room for a range without numbers
+        self.range.map_or(number, |range| number.max(range.min).min(range.max))
     }
 }
 

@@ -144,8 +144,7 @@ mod tests {
         for (newton_per_unit, offset, expected) in
             [(0.000_005, 84_000.0, 134_000.0), (-0.000_002_5, 84_000.0, -16_000.0), (0.000_002_5, 0.0, 100_000.0)]
         {
-            let mut firmware =
-                Hx711::new(Hx711Sketch::Bare, 10.0).scaled(CellScale { newton_per_unit, offset });
+            let mut firmware = Hx711::new(Hx711Sketch::Bare, 10.0).scaled(CellScale { newton_per_unit, offset });
             assert_eq!(firmware.read(&mut pressed(0.25), 1.0), [expected]);
         }
     }

@@ -57,7 +57,8 @@ impl BoardFirmware for ReSkin {
     }
 
     fn read(&mut self, scene: &mut Scene, now_s: f64) -> Vec<f64> {
-        let chips = mlx90393::read(scene, now_s, self.microtesla_per_unit).into_iter().map(|chip| chip.0.map(f64::from));
+        let chips =
+            mlx90393::read(scene, now_s, self.microtesla_per_unit).into_iter().map(|chip| chip.0.map(f64::from));
         let in_order = |mut chip: [f64; 4]| {
             // the text has the temperature last
             chip.rotate_left(usize::from(self.is_text));

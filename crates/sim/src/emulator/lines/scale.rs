@@ -42,7 +42,8 @@ mod tests {
 
     #[test]
     fn outputs_of_the_rig_stay_the_same_as_far_as_the_converter_reaches() {
-        for (scale, expected) in [(1.0, 100.0), (2.0, 50.0), (0.5, 200.0), (-1.0, -100.0), (1e-3, 400.0), (-1e3, -25.0)] {
+        for (scale, expected) in [(1.0, 100.0), (2.0, 50.0), (0.5, 200.0), (-1.0, -100.0), (1e-3, 400.0), (-1e3, -25.0)]
+        {
             assert_eq!(per_unit(100.0, 1.0, scale), expected, "{scale}");
         }
     }

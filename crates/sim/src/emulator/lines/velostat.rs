@@ -39,8 +39,8 @@ impl Velostat {
         Velostat { separator, baud, counts_per_unit: Self::COUNTS_PER_UNIT }
     }
 
-    /// Gives it the sheet of a rig that multiplies its counts by `scale`. They fall with the pressure, whatever the sign: the
-    /// circuit is the same.
+    /// Gives it the sheet of a rig that multiplies its counts by `scale`. They fall with the pressure for either sign,
+    /// because the circuit is the same.
     #[must_use]
     pub fn scaled(self, scale: f64) -> Self {
         Velostat { counts_per_unit: per_unit(Self::COUNTS_PER_UNIT, 1.0, scale.abs()), ..self }
