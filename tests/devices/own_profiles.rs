@@ -2,7 +2,7 @@
 
 use palpate_run::rig::{self, RigSpec};
 use palpate_testing::executions::{ExecutedRun, executed, in_parallel, must_be_none, plan};
-use palpate_testing::{TestFolder, campaign, shipped_text};
+use palpate_testing::{TestFolder, campaign, exchanged, shipped_text};
 use std::io;
 
 /// Largest relative difference of a run's true peak force when only what the rig states of a device differs.
@@ -149,6 +149,10 @@ const CELL_MAP: &str = "name = \"mine\"\ntransport = \"rtu\"\nunit_id = 7\ndeadl
 const ARRAY_MAP: &str = "name = \"mine\"\ntransport = \"tcp\"\nunit_id = 1\ndeadline_ms = 200\n\
      [outputs]\nfunction = \"input\"\naddress = 100\ntype = \"u16\"\nmask = 4095\ncount_max = 9\n";
 
+/// A supply whose voltage is between other numbers, in half volts above 100.
+const MONITOR: &str = "name = \"mine\"\n[text]\ncolumns = 3\nseparator = \" \"\n[outputs]\ncolumns = \"2\"\nscale = 0.5\n\
+     offset = 100.0\npossible = [0, 1000]\n";
+
 const FIVE: &str = "places_mm = [[-3, -3], [3, -3], [-3, 3], [3, 3], [0, 0]]";
 
 /// Rigs with devices that only their profile knows.
@@ -172,6 +176,16 @@ fn own_rigs() -> Vec<(&'static str, String, &'static str)> {
         ("two boards", with_array(&cell(CELL_LINK, hz), own, ARRAY_LINK, FIVE), TEXT),
         ("asked", cell(CELL_LINK, "conversions_hz = 20.0\n"), ASKED),
         ("over TCP", cell("link = \"tcp://192.168.1.1:4000\"", hz), TEXT),
+        (
+            "monitor",
+            exchanged(
+                &esp301,
+                "[limits]",
+                "[[monitor]]\nname = \"supply_v\"\ndriver = { lines = \"mine.toml\" }\nlink = \"serial:///dev/ttyUSB5?baud=9600\"\n\
+                 bounds = [11.9, 12.1]\n\n[limits]",
+            ),
+            MONITOR,
+        ),
         (
             "map of an array",
             with_array(
