@@ -165,7 +165,7 @@ mod tests {
     use palpate_core::parallel::lock;
 
     const MAP: &str = "name = \"a\"\ntransport = \"rtu\"\nunit_id = 1\ndeadline_ms = 200\n[force]\naddress = 8\n\
-        type = \"u16\"\nnewton_per_unit = 0.1\noffset = 20.0\ndecimals = { address = 5, mask = 48, shift = 4 }\n\
+        type = \"u16\"\nnewton_per_unit = 0.1\noffset = 2000.0\ndecimals = { address = 5, mask = 48, shift = 4 }\n\
         sign = { address = 7, bit = 3 }\n[status]\naddress = 7\nsaturated_bits = [1]\n\
         [[probe]]\nwhat = \"model\"\naddress = 2\ntype = \"u16\"\nvalue = 17\n";
 
@@ -187,8 +187,8 @@ mod tests {
         let at_rest = words("", "");
         assert_eq!([at_rest[2], at_rest[5], at_rest[7]], [17, 3 << 4, 0]);
         // 0 N within the noise of the cell, of 0.1 mN each
-        assert!((-180..220).contains(&i32::from(at_rest[8])), "{at_rest:?}");
-        let below = words("offset = 20.0", "offset = -2000.0");
+        assert!((1800..2200).contains(&at_rest[8]), "{at_rest:?}");
+        let below = words("offset = 2000.0", "offset = -2000.0");
         assert_eq!(below[7], 1 << 3);
         assert!((1800..2200).contains(&below[8]), "{below:?}");
     }
