@@ -3,7 +3,7 @@
 use super::cell::ProfiledCell;
 use super::response::ArrayResponse;
 use palpate_core::quantity::Range;
-use palpate_drivers::lines::{ForceColumns, ForceField, LineProfile};
+use palpate_drivers::lines::{ForceColumns, ForceField, LineFraming, LineProfile};
 use palpate_sim::emulator::lines::{BoardFirmware, Port};
 use palpate_sim::scene::{Scene, SceneDevice};
 
@@ -105,6 +105,9 @@ impl ProfiledBoard {
 
     /// Rounds a printed number to its decimals, as many as resolve a part of its span.
     fn rounded(&self, number: f64, span: f64, steps: f64) -> f64 {
+        if matches!(self.profile.framing, LineFraming::Frame(_)) {
+            return number; // its type rounds it
+        }
         let decimals = (steps / span.abs()).log10().ceil().clamp(0.0, f64::from(DECIMALS_MOST)) as i32;
         let places = 10f64.powi(decimals);
         (number * places).round() / places
@@ -184,5 +187,68 @@ impl BoardFirmware for ProfiledBoard {
         }
         self.is_started = true;
         Vec::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::{SIM_RIG, parse};
+    use palpate_core::parallel::lock;
+
+    const FRAME: &str = "name = \"a\"\non_start = \"go\"\n[frame]\nhead = \"AA\"\nnumbers = [\"u8\", \"u16\", \"i16\", \"u16\"]\n\
+        [counter]\ncolumn = 1\nstep = 100\n[status]\ncolumn = 2\nsaturated_mask = 4\n[force]\ncolumn = 3\n\
+        newton_per_unit = 0.001\noffset = 7.0\n[time]\ncolumn = 4\nunit_s = 0.001\n";
+
+    /// A board of a profile in the rig of the paper, with a cell of this range, and the scene.
+    fn board(text: &str, range_n: Option<f64>) -> (ProfiledBoard, palpate_sim::emulator::Shared<Scene>) {
+        let rig = parse("rig.toml", SIM_RIG, &|_| Err(std::io::ErrorKind::NotFound.into())).expect("the shipped rig");
+        let profile = LineProfile::parse("a.toml", text).map_err(|problems| problems.lines()).expect("a profile");
+        let cell = ProfiledCell::new(&rig, false, range_n);
+        (ProfiledBoard::new(profile, 50.0, Some(cell), None), rig.emulators(1).expect("emulators").scene)
+    }
+
+    #[test]
+    fn counts_and_times_begin_again_and_a_state_reports_a_force_beyond_the_range() {
+        // the noise of the cell is more than that
+        let (mut own, scene) = board(FRAME, Some(1e-6));
+        let mut read = |now_s| own.read(&mut lock(&scene), now_s);
+        let first = read(1.0);
+        assert_eq!((&first[..2], first[3]), (&[100.0, 4.0][..], 1000.0));
+        assert!((first[2] - 7.0).abs() < 0.0011, "{first:?}");
+        assert_eq!(read(65.536)[..2], [200.0, 4.0]);
+        assert_eq!([read(65.536)[0], read(65.6)[3]], [300.0 - 256.0, 64.0]);
+        let (mut own, scene) = board(FRAME, None);
+        assert_eq!(own.read(&mut lock(&scene), 0.0)[1], 0.0);
+    }
+
+    #[test]
+    fn a_board_begins_after_its_command_or_answers_its_question() {
+        let (mut own, scene) = board(FRAME, None);
+        let mut scene = lock(&scene);
+        assert_eq!(own.period_s(&scene), None);
+        let mut inbox = b"xgo?".to_vec();
+        let request = own.take_request(&mut inbox).expect("the command");
+        assert_eq!((own.answer(&request, &mut scene, 0.0), inbox.as_slice()), (Vec::new(), &b"?"[..]));
+        assert_eq!(own.period_s(&scene), Some(0.02));
+        own.start();
+        assert_eq!(own.period_s(&scene), None);
+        let (mut asked, _) = board(
+            "name = \"a\"\nask = \"?\"\n[text]\ncolumns = 1\nafter = \" N\"\n[force]\nnewton_per_unit = 1\n",
+            None,
+        );
+        assert_eq!((asked.period_s(&scene), asked.take_request(&mut Vec::new())), (None, None));
+        let request = asked.take_request(&mut inbox).expect("the question");
+        let answer = String::from_utf8(asked.answer(&request, &mut scene, 0.0)).expect("text");
+        let (number, unit) = answer.split_once(' ').expect("a number and a unit");
+        assert_eq!(unit, "N\r\n");
+        assert!(number.parse::<f64>().expect("a number").abs() < 0.05 && number.len() <= "-0.0000".len(), "{answer}");
+    }
+
+    #[test]
+    fn a_profile_that_reads_nothing_of_what_it_describes_is_refused() {
+        let text = "name = \"a\"\n[text]\ncolumns = 2\nseparator = \"0\"\n[force]\nnewton_per_unit = 1.0\n";
+        let why = board(text, None).0.check().expect_err("zeros between zeros");
+        assert!(why.contains("correct its [text] or [frame]"), "{why}");
     }
 }
