@@ -107,7 +107,7 @@ async fn serve(args: &EmulateArgs, spec: &RigSpec) -> Result<ExitCode, Failure> 
                 // a program that expects the usual first port expects the others, too
                 let other = if port.is_some_and(|port| port != 0) { *usual } else { 0 };
                 let offered =
-                    listen::tcp((args.listen, other).into(), instrument, simulated.scene.clone(), origin).await;
+                    listen::tcp((args.listen, other).into(), instrument, simulated.scene.clone(), origin, None).await;
                 let offered = offered.into_diagnostic().map_err(Failure::usage)?;
                 show(args, role, protocol, Some(offered.address()))?;
                 others.push(offered);
@@ -138,7 +138,7 @@ async fn offer(
     let (instrument, port) = match (&device.far_end, port) {
         (FarEnd::Library, _) | (FarEnd::Pipe(_), None) => return None,
         (FarEnd::Serial(instrument), None) => {
-            return Some(listen::pseudo_terminal(instrument.clone(), scene.clone(), origin));
+            return Some(listen::pseudo_terminal(instrument.clone(), scene.clone(), origin, device.line));
         }
         (FarEnd::Serial(instrument) | FarEnd::Pipe(instrument), Some(port)) => (instrument, port),
         (FarEnd::Network(instrument), port) => (instrument, port.unwrap_or(0)),
@@ -147,7 +147,7 @@ async fn offer(
             return Some(listen::udp(at, instrument.clone(), scene.clone(), origin).await);
         }
     };
-    Some(listen::tcp((at, port).into(), instrument.clone(), scene.clone(), origin).await)
+    Some(listen::tcp((at, port).into(), instrument.clone(), scene.clone(), origin, device.line).await)
 }
 
 fn port(text: &str) -> Result<(String, u16), String> {

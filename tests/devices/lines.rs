@@ -220,16 +220,3 @@ fn calibration_with_home_by_hand_a_z_sg_and_a_matrix_of_16_is_complete() {
     println!("{flagged} of {} presses flagged", flags.len());
     assert!(flagged <= 6, "{flagged}");
 }
-
-#[test]
-fn profile_of_the_user_is_not_simulated() {
-    let rig = shipped_text("rigs/matrix.toml").replace("velostat-16", "mine.toml");
-    let mine = include_str!("../../profiles/lines/velostat-16.toml");
-    let bench = TestFolder::with([("rig.toml", &*rig), ("mine.toml", mine)]);
-    let output = bench.palpate_ends(2, "run calibrate --rig rig.toml --simulate");
-    assert!(
-        output.running().contains("a line profile of your own can't be simulated, because nothing else knows"),
-        "{}",
-        output.err
-    );
-}

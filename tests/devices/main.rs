@@ -11,6 +11,7 @@ mod endings;
 mod lines;
 mod lost_records;
 mod monitors;
+mod own_profiles;
 mod rig_checks;
 mod rigs;
 mod unplugged;

@@ -51,7 +51,9 @@ fn a_monitor_that_stops_during_a_run_ends_it_with_its_name() {
     let stops = |at_s: f64| {
         move |rig: &mut SimulatedRig| {
             let fault = LineFault { kind: LineFaultKind::Stops, at_s, for_s: 1e6 };
-            rig.monitors[0].device.replace(Arc::new(Mutex::new(SerialBoard::new(OneNumber).with_fault(fault))));
+            rig.monitors[0]
+                .device
+                .replace(Arc::new(Mutex::new(SerialBoard::new(OneNumber::new(1.0, 0.0)).with_fault(fault))));
         }
     };
     let (ending, ledger) = executed(&spec, RECIPE, stops(42.0));

@@ -1,5 +1,6 @@
 //! An instrument whose messages a test observes, on every link that it has.
 
+use palpate_link::wire::SerialLine;
 use palpate_sim::emulator::{Instrument, Owed, Shared};
 use palpate_sim::scene::{Scene, SceneDevice};
 use std::sync::{Arc, Mutex};
@@ -39,6 +40,10 @@ impl<O: Observer> Instrument for Observed<O> {
 
     fn deaf_until_s(&self) -> f64 {
         self.own.lock().expect("a device that lives").deaf_until_s()
+    }
+
+    fn on_line(&mut self, line: SerialLine) -> bool {
+        self.own.lock().expect("a device that lives").on_line(line)
     }
 
     fn accept(&mut self) -> Option<Shared<dyn Instrument>> {

@@ -16,7 +16,8 @@ const PRINTER: Finishing<MarlinFaultKind> = Finishing {
 
 #[test]
 fn presses_are_within_half_a_step_and_take_seconds() {
-    for (press, most_s) in [((5.0, 80.0), 6.0), ((20.0, 80.0), 6.0), ((20.0, 10.0), 10.0)] {
+    // the last one takes some 10 s at the 115,200 baud of its rig
+    for (press, most_s) in [((5.0, 80.0), 6.0), ((20.0, 80.0), 6.0), ((20.0, 10.0), 12.0)] {
         PRINTER.check_presses(press, most_s);
     }
 }

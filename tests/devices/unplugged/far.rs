@@ -1,6 +1,7 @@
 //! The devices of a rig on links on which one of them is lost.
 
 use palpate_core::quantity::stream;
+use palpate_link::wire::SerialLine;
 use palpate_run::rig::SimulatedRig;
 use palpate_sim::emulator::{Instrument, Owed, Shared};
 use palpate_sim::scene::{Scene, SceneDevice};
@@ -143,6 +144,10 @@ impl Instrument for Far {
 
     fn deaf_until_s(&self) -> f64 {
         self.device(|device| device.deaf_until_s())
+    }
+
+    fn on_line(&mut self, line: SerialLine) -> bool {
+        self.device(|device| device.on_line(line))
     }
 
     fn accept(&mut self) -> Option<Shared<dyn Instrument>> {

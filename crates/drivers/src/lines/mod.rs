@@ -19,6 +19,7 @@ mod roles;
 mod tests;
 #[cfg(test)]
 mod tests_of_axes;
+mod write;
 
 pub use count::CounterColumn;
 pub use framing::Rejected;
@@ -26,5 +27,5 @@ pub use framing::{Finder, LineFraming};
 pub use keys::KEYS;
 pub use net_ft_page::{ForceCounts, PAGE_PORT};
 pub use port::{LinePort, PortCounts, Received};
-pub use profile::{ForceColumns, LineProfile, SHIPPED};
+pub use profile::{ForceColumns, ForceField, LineProfile, OutputColumns, SHIPPED};
 pub use roles::{LineArray, LineLoadCell};

@@ -215,6 +215,11 @@ impl StatusColumn {
 }
 
 impl ForceField {
+    /// Returns the number of the device for a force: the inverse of [`newton`](Self::newton).
+    pub fn number(&self, force_n: f64) -> f64 {
+        force_n / self.newton_per_unit.unwrap_or(1.0) + self.offset
+    }
+
     /// Converts a number of the device to N.
     pub fn newton(&self, number: f64) -> f64 {
         (number - self.offset) * self.newton_per_unit.unwrap_or(1.0)

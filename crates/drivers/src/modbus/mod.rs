@@ -15,7 +15,7 @@ pub use load_cell::ModbusLoadCell;
 pub use number::Encoding;
 pub use number::RegisterNumber;
 pub use number::WordOrder;
-pub use profile::{Profile, Register, SHIPPED};
+pub use profile::{Force, Profile, Register, SHIPPED};
 pub use request::{Function, ModbusFraming, Transport};
 
 use palpate_document::Keys;

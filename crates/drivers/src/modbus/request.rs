@@ -1,7 +1,7 @@
 //! Requests for registers: the framing and the function.
 
 use palpate_core::quantity::seconds;
-use palpate_link::wire::{Link, Parity};
+use palpate_link::wire::Link;
 use std::time::Duration;
 
 /// Protocol of Modbus on a link.
@@ -16,7 +16,7 @@ pub enum Transport {
 /// Characters of silence that separate two frames of a serial line (MODBUS over Serial Line V1.02, section 2.5.1.1).
 const SILENT_CHARACTERS: f64 = 3.5;
 
-/// Fixed silence of lines faster than this rate (same section). A simulated line has no rate, and has this silence too.
+/// Fixed silence of lines faster than this rate (same section). A simulated line without a rate has this silence too.
 const FAST_BAUD: u32 = 19_200;
 const FAST_SILENCE: Duration = Duration::from_micros(1750);
 
@@ -32,15 +32,13 @@ pub struct ModbusFraming {
 impl ModbusFraming {
     /// Returns the framing of a link: RTU on a serial port, Modbus TCP to a server, and the device's `own` protocol elsewhere.
     pub fn of(link: &Link, own: Transport) -> ModbusFraming {
-        match *link {
-            Link::Serial { baud, parity, stop_bits, .. } if baud <= FAST_BAUD => {
-                // a start bit, eight data bits, and what the link states
-                let bits = 9 + u8::from(parity != Parity::None) + stop_bits;
-                let silence = seconds(SILENT_CHARACTERS * f64::from(bits) / f64::from(baud));
+        match (link.serial_line(), link) {
+            (Some(line), _) if line.baud <= FAST_BAUD => {
+                let silence = seconds(SILENT_CHARACTERS * line.time_s(1));
                 ModbusFraming { transport: Transport::Rtu, silence }
             }
-            Link::Serial { .. } => Transport::Rtu.into(),
-            Link::Tcp { .. } => Transport::Tcp.into(),
+            (Some(_), _) => Transport::Rtu.into(),
+            (None, Link::Tcp { .. }) => Transport::Tcp.into(),
             _ => own.into(),
         }
     }

@@ -103,7 +103,7 @@ impl Drop for Claims {
 /// links of this kind.
 fn identity(link: &Link) -> Option<String> {
     match link {
-        Link::Sim | Link::Daqmx(_) => None,
+        Link::Sim | Link::Emulated(_) | Link::Daqmx(_) => None,
         Link::Serial { port, .. } => Some(format!("serial {}", serial_identity(port))),
         Link::Tcp { host, port } => Some(format!("tcp {} {port}", host_identity(host))),
         Link::Udp { host, port } => Some(format!("udp {} {port}", host_identity(host))),

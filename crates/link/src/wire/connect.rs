@@ -37,7 +37,7 @@ impl Connector {
     /// Opens the link.
     ///
     /// # Errors
-    /// The operating system's error; for [`Link::Sim`] in [`Connector::Real`], an error that nothing is at its far end.
+    /// The operating system's error; for an emulator's link in [`Connector::Real`], an error that nothing is at its far end.
     pub async fn open(&self) -> io::Result<ByteStream> {
         match self {
             Connector::Memory(dial) => Ok(dial()),
@@ -65,7 +65,7 @@ impl Connector {
                 Ok(Box::new(line.open_native_async()?))
             }
             Connector::Real(Link::Process(command)) => program::start(command),
-            Connector::Real(Link::Sim | Link::Daqmx(_)) => {
+            Connector::Real(Link::Sim | Link::Emulated(_) | Link::Daqmx(_)) => {
                 Err(io::Error::new(io::ErrorKind::Unsupported, "it has no byte stream"))
             }
         }

@@ -8,6 +8,8 @@ const BAUD_MAX: u32 = 12_000_000;
 pub enum Link {
     /// This program's emulator, in memory.
     Sim,
+    /// This program's emulator, in memory, instead of this real link, with the rate of its line.
+    Emulated(Box<Link>),
     /// A serial port, 8 data bits.
     Serial {
         /// The port's name, such as `/dev/ttyUSB0` or `COM3`.
@@ -52,10 +54,48 @@ pub enum Parity {
     Odd,
 }
 
+/// Rate of a serial line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SerialLine {
+    /// Bits per second.
+    pub baud: u32,
+    /// Bits of a byte on the line: a start bit, eight data bits, and the parity and stop bits.
+    pub bits: u8,
+}
+
+impl SerialLine {
+    /// Returns the time that a number of bytes takes, s.
+    pub fn time_s(self, bytes: usize) -> f64 {
+        bytes as f64 * f64::from(self.bits) / f64::from(self.baud)
+    }
+}
+
 const FLOWS: [(&str, bool); 2] = [("none", false), ("rts-cts", true)];
 const PARITIES: [(&str, Parity); 3] = [("none", Parity::None), ("even", Parity::Even), ("odd", Parity::Odd)];
 
 impl Link {
+    /// Returns the link in memory to this program's emulator instead of this link.
+    #[must_use]
+    pub fn emulated(self) -> Link {
+        if self.is_simulated() { self } else { Link::Emulated(Box::new(self)) }
+    }
+
+    /// Whether this program's emulator is at the far end.
+    pub fn is_simulated(&self) -> bool {
+        matches!(self, Link::Sim | Link::Emulated(_))
+    }
+
+    /// Returns the serial line of the link, or of the link that an emulator replaces; `None` if it names no rate.
+    pub fn serial_line(&self) -> Option<SerialLine> {
+        match self {
+            Link::Serial { baud, parity, stop_bits, .. } => {
+                Some(SerialLine { baud: *baud, bits: 9 + u8::from(*parity != Parity::None) + stop_bits })
+            }
+            Link::Emulated(real) => real.serial_line(),
+            _ => None,
+        }
+    }
+
     /// Parses `sim`, `serial:///dev/ttyUSB0?baud=921600` (`serial://COM3?baud=...`; `&parity=even`, `&stop_bits=2` and
     /// `&flow=rts-cts` may follow), `tcp://host:port`, `udp://host:port`, `daqmx` or `daqmx:///path/to/library`.
     ///
@@ -119,7 +159,7 @@ fn serial(port: &str, query: &str) -> Option<Link> {
 impl std::fmt::Display for Link {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Link::Sim => f.write_str("sim"),
+            Link::Sim | Link::Emulated(_) => f.write_str("sim"),
             Link::Serial { port, baud, parity, stop_bits, rts_cts } => {
                 write!(f, "serial://{port}?baud={baud}")?;
                 if let Some((name, _)) = PARITIES.iter().skip(1).find(|(_, other)| other == parity) {
@@ -157,6 +197,25 @@ mod tests {
             "daqmx:///usr/lib/libnidaqmx.so",
         ] {
             assert_eq!(Link::parse(text).unwrap().to_string(), text);
+        }
+    }
+
+    #[test]
+    fn a_byte_on_a_line_has_a_start_bit_and_what_the_link_states() {
+        for (text, bits, byte_s) in [
+            ("serial:///dev/a?baud=9600", 10, 10.0 / 9600.0),
+            ("serial:///dev/a?baud=2400&parity=even", 11, 11.0 / 2400.0),
+            ("serial:///dev/a?baud=115200&parity=odd&stop_bits=2", 12, 12.0 / 115_200.0),
+        ] {
+            let link = Link::parse(text).unwrap();
+            for link in [link.clone(), link.emulated()] {
+                let line = link.serial_line().unwrap();
+                assert_eq!((line.bits, line.time_s(1)), (bits, byte_s), "{text}");
+            }
+        }
+        for text in ["sim", "tcp://a:1", "daqmx"] {
+            let link = Link::parse(text).unwrap().emulated();
+            assert_eq!((link.serial_line(), link.is_simulated(), link.to_string()), (None, true, "sim".to_owned()));
         }
     }
 

@@ -19,5 +19,5 @@ pub use claim::{ClaimError, Claims};
 pub use connect::{ByteStream, Connector, Duplex};
 pub use line::{LineExchange, Urgent};
 pub use lines::{LineLink, WireError, silent};
-pub use link::{Link, Parity};
+pub use link::{Link, Parity, SerialLine};
 pub use memory::{MemoryStream, in_memory};

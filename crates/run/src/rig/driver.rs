@@ -78,7 +78,7 @@ fn read_link(table: &Table, key: &Key, own: Option<Link>, links: Links) -> Optio
         Link::Serial { .. } | Link::Tcp { .. } => is_stream,
         Link::Udp { .. } => links == Links::StreamOrDatagrams,
         Link::Daqmx(_) => links == Links::Daqmx,
-        Link::Process(_) => false,
+        Link::Process(_) | Link::Emulated(_) => false,
     };
     let is_port = is_stream && (text.starts_with("COM") || text.starts_with("/dev/"));
     let words = match Link::parse(text) {

@@ -1,5 +1,6 @@
 //! One emulated device, and its type of connection.
 
+use palpate_link::wire::{Link, SerialLine};
 use palpate_sim::emulator::{Instrument, Shared};
 use std::sync::{Arc, Mutex};
 
@@ -12,6 +13,8 @@ pub struct EmulatedDevice {
     pub protocol: &'static str,
     /// Its other TCP ports, and the protocol of each.
     pub ports: &'static [(u16, &'static str)],
+    /// Serial line on which it is, if the rig names its rate.
+    pub line: Option<SerialLine>,
 }
 
 /// Device at the far end of a link, and its type of connection.
@@ -32,12 +35,17 @@ pub enum FarEnd {
 impl EmulatedDevice {
     /// Returns the emulator of an instrument on a serial line.
     pub(super) fn serial<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
-        EmulatedDevice { far_end: FarEnd::Serial(Arc::new(Mutex::new(instrument))), protocol, ports: &[] }
+        EmulatedDevice { far_end: FarEnd::Serial(Arc::new(Mutex::new(instrument))), protocol, ports: &[], line: None }
     }
 
     /// Returns the emulator of an instrument on a network.
     pub(super) fn network<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
-        EmulatedDevice { far_end: FarEnd::Network(Arc::new(Mutex::new(instrument))), protocol, ports: &[] }
+        EmulatedDevice { far_end: FarEnd::Network(Arc::new(Mutex::new(instrument))), protocol, ports: &[], line: None }
+    }
+
+    /// Puts the device on the serial line of a link.
+    pub(super) fn on(self, link: &Link) -> Self {
+        EmulatedDevice { line: link.serial_line(), ..self }
     }
 
     /// Adds TCP ports, and the protocol of each.
@@ -47,12 +55,17 @@ impl EmulatedDevice {
 
     /// Returns the emulator of an instrument that sends datagrams.
     pub(super) fn datagrams<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
-        EmulatedDevice { far_end: FarEnd::Datagrams(Arc::new(Mutex::new(instrument))), protocol, ports: &[] }
+        EmulatedDevice {
+            far_end: FarEnd::Datagrams(Arc::new(Mutex::new(instrument))),
+            protocol,
+            ports: &[],
+            line: None,
+        }
     }
 
     /// Returns the emulator of a program.
     pub(super) fn pipe<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
-        EmulatedDevice { far_end: FarEnd::Pipe(Arc::new(Mutex::new(instrument))), protocol, ports: &[] }
+        EmulatedDevice { far_end: FarEnd::Pipe(Arc::new(Mutex::new(instrument))), protocol, ports: &[], line: None }
     }
 
     /// Returns the instrument at the far end; `None` for a library.

@@ -17,6 +17,7 @@ mod no_load_cell;
 mod open;
 mod over_time;
 mod parse;
+mod profiled;
 mod scene;
 mod scene_keys;
 mod simulated;

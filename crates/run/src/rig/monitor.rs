@@ -72,6 +72,7 @@ impl MonitorSpec {
     /// Returns the emulator that answers the driver. Its readings depend on the time and the temperature of the rig's scene.
     pub(super) fn emulated(&self, rig: &RigSpec, scene: &Scene) -> Result<EmulatedMonitor, DeviceError> {
         let device = self.array.driver.emulated(&self.seen_in(rig)).map_err(|error| self.named(error))?;
+        let device = device.on(&self.array.link);
         let middle = self.bounds.map_or(0.0, |bounds| f64::midpoint(bounds.min, bounds.max));
         let value = (self.name != TEMPERATURE).then_some(middle);
         let scene = scene.clone().monitored(Monitored { value, scale: self.scale, offset: self.offset });

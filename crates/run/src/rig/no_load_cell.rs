@@ -44,6 +44,6 @@ impl LoadCellDriver for WithoutLoadCell {
     }
 
     fn emulated(&self, _: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
-        Ok(EmulatedDevice { far_end: FarEnd::Library, protocol: "none", ports: &[] })
+        Ok(EmulatedDevice { far_end: FarEnd::Library, protocol: "none", ports: &[], line: None })
     }
 }

@@ -10,7 +10,7 @@ use palpate_core::quantity::Axis;
 use palpate_drivers::{AnyArray, AnyStage};
 use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Instruments, StageUse};
 use palpate_link::time::{Instant, spawn};
-use palpate_link::wire::{self, Claims, Connector, Link};
+use palpate_link::wire::{self, Claims, Connector, Link, SerialLine};
 use palpate_sim::emulator::{self, Instrument, Shared};
 use palpate_sim::scene::Scene;
 
@@ -160,7 +160,7 @@ fn in_memory(device: EmulatedDevice, scene: Shared<Scene>, origin: Instant) -> i
             None => Some(device.clone()),
         });
         match instrument {
-            Some(instrument) => dial(instrument, scene.clone(), origin),
+            Some(instrument) => dial(device.line, instrument, scene.clone(), origin),
             None => Connector::Real(Link::Sim), // a library has no stream; nobody opens this
         }
     }
@@ -174,11 +174,16 @@ fn at_port(link: Link, port: Option<u16>) -> Link {
     }
 }
 
-fn dial(instrument: Shared<dyn Instrument>, scene: Shared<Scene>, origin: Instant) -> Connector {
+fn dial(
+    line: Option<SerialLine>,
+    instrument: Shared<dyn Instrument>,
+    scene: Shared<Scene>,
+    origin: Instant,
+) -> Connector {
     Connector::in_memory(move || {
         let (near, far) = wire::in_memory(MEMORY_BYTES);
         // its only error is that the near end has gone
-        drop(spawn(emulator::serve(far, instrument.clone(), scene.clone(), origin)));
+        drop(spawn(emulator::serve_on(line, far, instrument.clone(), scene.clone(), origin)));
         near
     })
 }

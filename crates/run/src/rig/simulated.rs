@@ -7,6 +7,7 @@ use palpate_core::parallel::lock;
 use palpate_core::quantity::{Axis, Place, Position};
 use palpate_link::device::{DeviceError, DeviceProblem};
 use palpate_link::time::Instant;
+use palpate_link::wire::Link;
 use palpate_sim::emulator::Shared;
 use palpate_sim::scene::{SKIN_CHANNELS_MAX, Scene, SceneDevice, Surroundings, Truth};
 use std::sync::{Arc, Mutex};
@@ -47,6 +48,12 @@ pub struct GroundTruth {
 }
 
 impl RigSpec {
+    /// Whether load cell and array are one device on one port, which sends what both measure.
+    pub(super) fn is_one_board(&self) -> bool {
+        let is_shared = self.load_cell.link == self.array.link && self.array.link != Link::Sim;
+        is_shared && self.load_cell.driver.shares_port() && self.array.driver.shares_port()
+    }
+
     /// Returns the rig's emulators in a scene with this seed.
     ///
     /// # Errors
@@ -82,16 +89,19 @@ impl RigSpec {
             latencies: spec.latencies,
         };
         let scene = Scene::new(spec, setting, seed);
-        let stage = self.stage.driver.emulated(&scene, self);
-        let load_cell = self.load_cell.driver.emulated(self, &stage)?;
-        let array = self.array.driver.emulated(self)?;
+        let stage = self.stage.driver.emulated(&scene, self).on(&self.stage.link);
+        let load_cell = self.load_cell.driver.emulated(self, &stage)?.on(&self.load_cell.link);
+        let array = match self.is_one_board() {
+            true => load_cell.clone(),
+            false => self.array.driver.emulated(self)?.on(&self.array.link),
+        };
         let monitors = self.monitors.iter().map(|monitor| monitor.emulated(self, &scene)).collect::<Result<_, _>>()?;
         Ok(SimulatedRig { scene: Arc::new(Mutex::new(scene)), stage, load_cell, array, monitors })
     }
 }
 
 /// Returns the error of a rig's device that can't be simulated.
-fn not_simulated(device: SceneDevice, why: String) -> DeviceError {
+pub(super) fn not_simulated(device: SceneDevice, why: String) -> DeviceError {
     let (device, doing) = (device.name().to_owned(), "opening it".to_owned());
     DeviceError { device, doing, problem: DeviceProblem::Mismatch(why) }
 }

@@ -237,13 +237,13 @@ impl RigSpec {
         Some(touch_sigma_mm.hypot(stage_mm).hypot(deflections_mm))
     }
 
-    /// Returns the same rig with this program's emulators instead of its links.
+    /// Returns the same rig with this program's emulators instead of its links. A serial line keeps its rate.
     #[must_use]
     pub fn simulated(mut self) -> RigSpec {
-        self.stage.link = Link::Sim;
-        self.load_cell.link = Link::Sim;
-        self.array.link = Link::Sim;
-        self.monitors.iter_mut().for_each(|monitor| monitor.array.link = Link::Sim);
+        let monitors = self.monitors.iter_mut().map(|monitor| &mut monitor.array.link);
+        for link in [&mut self.stage.link, &mut self.load_cell.link, &mut self.array.link].into_iter().chain(monitors) {
+            *link = std::mem::replace(link, Link::Sim).emulated();
+        }
         self
     }
 
@@ -268,7 +268,7 @@ impl RigSpec {
 
     /// Whether this program's emulators are at the far ends. The run then uses virtual time.
     pub fn is_simulated(&self) -> bool {
-        self.stage.link == Link::Sim
+        self.stage.link.is_simulated()
     }
 
     /// Returns the source of the direction of z; `None` if the rig is simulated.
@@ -543,6 +543,13 @@ pub struct OwnFile {
     pub name: String,
     /// Text of the user's own file; `None` for one that is part of the program.
     pub text: Option<String>,
+}
+
+impl OwnFile {
+    /// Says why the device that the text describes can't be simulated.
+    pub(super) fn not_simulated(&self, why: &str) -> String {
+        format!("\"{}\" can't be simulated: {why}", self.name)
+    }
 }
 
 impl<'a> RigWiring<'a> {

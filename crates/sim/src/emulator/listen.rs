@@ -1,9 +1,10 @@
 //! Emulated instruments for other programs, on the real clock: a pseudo-terminal, or a TCP or UDP port of this machine.
 
 use super::datagrams::DatagramServer;
-use super::{Instrument, Shared, serve};
+use super::{Instrument, Shared, serve, serve_on};
 use crate::scene::Scene;
 use palpate_link::time::{Instant, sleep};
+use palpate_link::wire::SerialLine;
 use std::net::SocketAddr;
 use std::time::Duration;
 use tokio::net::{TcpListener, UdpSocket};
@@ -56,7 +57,7 @@ impl Drop for Listening {
 }
 
 /// Offers an instrument on a new pseudo-terminal. Clients may connect and disconnect; the terminal stays. It has no modem lines
-/// (RTS, CTS, DTR). It accepts any baud rate, which has no effect.
+/// (RTS, CTS, DTR). It accepts any baud rate, which has no effect; the bytes take the time of `line`.
 ///
 /// # Errors
 /// The system has no pseudo-terminals, or all are in use.
@@ -65,6 +66,7 @@ pub fn pseudo_terminal<I: Instrument + ?Sized + 'static>(
     instrument: Shared<I>,
     scene: Shared<Scene>,
     origin: Instant,
+    line: Option<SerialLine>,
 ) -> Result<Listening, ListenError> {
     use tokio_serial::{SerialPort, SerialStream};
 
@@ -75,7 +77,7 @@ pub fn pseudo_terminal<I: Instrument + ?Sized + 'static>(
         // kept open, because the terminal would end with its first client
         let _offered = offered;
         // Its only error is that the system removed the terminal: then nothing can be served.
-        let _ = serve(near, instrument, scene, origin).await;
+        let _ = serve_on(line, near, instrument, scene, origin).await;
     });
     Ok(Listening { address, task })
 }
@@ -89,12 +91,13 @@ pub fn pseudo_terminal<I: Instrument + ?Sized + 'static>(
     _instrument: Shared<I>,
     _scene: Shared<Scene>,
     _origin: Instant,
+    _line: Option<SerialLine>,
 ) -> Result<Listening, ListenError> {
     Err(ListenError::NoPseudoTerminals)
 }
 
-/// Offers an instrument at a TCP address (port 0: any free port), to up to [`CLIENTS_MOST`] clients at once. Clients aren't
-/// authenticated, so the caller is responsible for any address other than that of this machine.
+/// Offers an instrument at a TCP address (port 0: any free port), to up to [`CLIENTS_MOST`] clients at once. An instrument with a
+/// serial `line` is behind a server for serial ports, at the rate of the line. Clients aren't authenticated, so the caller is responsible for any address other than that of this machine.
 ///
 /// # Errors
 /// The port isn't available.
@@ -103,6 +106,7 @@ pub async fn tcp<I: Instrument + ?Sized + 'static>(
     instrument: Shared<I>,
     scene: Shared<Scene>,
     origin: Instant,
+    line: Option<SerialLine>,
 ) -> Result<Listening, ListenError> {
     let unavailable = |source| ListenError::Port { at, source };
     let listener = TcpListener::bind(at).await.map_err(unavailable)?;
@@ -122,7 +126,7 @@ pub async fn tcp<I: Instrument + ?Sized + 'static>(
                     if clients.len() < CLIENTS_MOST {
                         // without it a reply would wait until the client acknowledges the one before
                         let _ = stream.set_nodelay(true);
-                        clients.spawn(serve(stream, instrument.clone(), scene.clone(), origin));
+                        clients.spawn(serve_on(line, stream, instrument.clone(), scene.clone(), origin));
                     }
                 }
             }
@@ -187,7 +191,7 @@ mod tests {
     #[tokio::test]
     async fn pseudo_terminal_passes_every_byte_to_successive_clients() {
         use tokio_serial::{SerialPortBuilderExt, SerialStream};
-        let listening = pseudo_terminal(shared(ListenEcho), shared(scene()), Instant::now()).expect("a terminal");
+        let listening = pseudo_terminal(shared(ListenEcho), shared(scene()), Instant::now(), None).expect("a terminal");
         for _ in 0..3 {
             let mut client: SerialStream =
                 tokio_serial::new(listening.address(), 115_200).open_native_async().expect("opens");
@@ -206,7 +210,7 @@ mod tests {
 
     #[tokio::test]
     async fn many_clients_share_one_instrument_and_one_too_many_is_refused() {
-        let listening = tcp(local(0), shared(ListenEcho), shared(scene()), Instant::now()).await.expect("a port");
+        let listening = tcp(local(0), shared(ListenEcho), shared(scene()), Instant::now(), None).await.expect("a port");
         let mut clients = Vec::new();
         for n in 0..CLIENTS_MOST as u8 {
             let mut client = TcpStream::connect(listening.address()).await.expect("connects");
@@ -247,9 +251,9 @@ mod tests {
 
     #[tokio::test]
     async fn a_port_that_is_taken_is_reported_with_its_number() {
-        let first = tcp(local(0), shared(ListenEcho), shared(scene()), Instant::now()).await.expect("a port");
+        let first = tcp(local(0), shared(ListenEcho), shared(scene()), Instant::now(), None).await.expect("a port");
         let port = first.address().rsplit(':').next().and_then(|port| port.parse().ok()).expect("a number");
-        let second = tcp(local(port), shared(ListenEcho), shared(scene()), Instant::now()).await;
+        let second = tcp(local(port), shared(ListenEcho), shared(scene()), Instant::now(), None).await;
         assert!(second.expect_err("taken").to_string().contains(&port.to_string()));
     }
 }

@@ -2,9 +2,10 @@
 //! the manual.
 //!
 //! An [`Instrument`] is one device. It finds complete requests in a stream of bytes and answers them; it has no access to clocks,
-//! sockets or threads. [`serve`] puts it on the far end of any stream, on tokio's paused clock or the real one. [`listen`] offers
-//! it to other programs. These emulators and the drivers are two independent implementations of one manual and share no code, so
-//! that a wrong scale factor cannot cancel out.
+//! sockets or threads. [`serve`] puts it on the far end of any stream, on tokio's paused clock or the real one, and [`serve_on`] on
+//! that of a serial line. [`listen`] offers it to other programs. These emulators and the drivers are two independent
+//! implementations of one manual and share no code, so that a wrong scale factor cannot cancel out. Only the calibration of a device
+//! is that of the rig.
 //!
 //! - [`Esp301Emulator`]: a Newport ESP301 motion controller with three VP-25XL stages.
 //! - [`XpsEmulator`]: a Newport XPS-Q8 motion controller with one group of three VP-25XL stages, and a load cell on an analog input.
@@ -25,6 +26,7 @@ mod esp301;
 mod faults;
 mod grbl;
 mod klipper;
+mod line;
 pub mod lines;
 pub mod listen;
 mod marlin;
@@ -44,6 +46,7 @@ pub use grbl::{
     ROOM_MM as GRBL_ROOM_MM,
 };
 pub use klipper::{KlipperBoard, KlipperEmulator, KlipperFault, KlipperFaultAfterBytes, KlipperFaultKind};
+pub use line::serve_on;
 pub use marlin::{
     Announced as MarlinAnnounced, MarlinBoard, MarlinEmulator, MarlinFault, MarlinFaultAfterBytes, MarlinFaultKind,
 };
@@ -62,6 +65,7 @@ pub use ur::{
 pub use xps::{XpsEmulator, XpsFault, XpsFaultAfterBytes, XpsFaultKind};
 
 use crate::scene::{Scene, SceneDevice};
+use palpate_link::wire::SerialLine;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -101,6 +105,13 @@ pub trait Instrument: Send {
     /// Time until which the device accepts no requests, s. If this time has passed, the device listens.
     fn deaf_until_s(&self) -> f64 {
         0.0
+    }
+
+    /// Puts the device on a serial line that the rig names. Returns whether the device itself sends each byte at its time;
+    /// otherwise the line delays what it sends.
+    fn on_line(&mut self, line: SerialLine) -> bool {
+        let _ = line;
+        false
     }
 
     /// Opens a link. Returns the instrument that represents the device on this link, if the device separates its links. `None` if

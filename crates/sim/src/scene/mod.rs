@@ -194,14 +194,14 @@ impl Scene {
 
     /// Returns the load cell's reading at `now_s`, N: its last conversion that has arrived, pressing positive, with noise,
     /// without a zero subtracted.
-    pub(crate) fn load_cell_n(&mut self, now_s: f64) -> f64 {
+    pub fn load_cell_n(&mut self, now_s: f64) -> f64 {
         self.advance(now_s);
         self.load_cell.read(now_s, &self.faults)
     }
 
     /// Returns the readings of a load cell with three axes at `now_s`, N: forces of the tip on the specimen along x and y of the
     /// specimen frame, and the force that [`load_cell_n`](Self::load_cell_n) reads.
-    pub(crate) fn load_cell_axes_n(&mut self, now_s: f64) -> [f64; 3] {
+    pub fn load_cell_axes_n(&mut self, now_s: f64) -> [f64; 3] {
         let force_n = self.load_cell_n(now_s);
         let hung_n = self.weight.force_n();
         let [x_n, y_n] = self.load_cell.side(self.surface.side_per_force(), hung_n, &self.faults, now_s);
@@ -225,6 +225,11 @@ impl Scene {
     /// Number of outputs of the array: one for each channel of each taxel.
     pub fn taxels(&self) -> usize {
         if self.monitored.is_some() { 1 } else { self.setting.layout.len() }
+    }
+
+    /// Whether it is the scene of a monitor, whose output is a value with a unit.
+    pub fn is_monitored(&self) -> bool {
+        self.monitored.is_some()
     }
 
     /// Temperature at `now_s`, degrees Celsius; `None` if the scene doesn't name one.

@@ -201,7 +201,7 @@ impl ArrayDriver for DaqmxArraySpec {
     }
 }
 
-const LIBRARY: EmulatedDevice = EmulatedDevice { far_end: FarEnd::Library, protocol: "daqmx", ports: &[] };
+const LIBRARY: EmulatedDevice = EmulatedDevice { far_end: FarEnd::Library, protocol: "daqmx", ports: &[], line: None };
 
 /// Returns the load cell if it is on an NI device.
 fn cell_of(rig: &RigSpec) -> Option<&DaqmxLoadCellSpec> {

@@ -3,15 +3,18 @@
 use super::{Beside, DeviceFamily, Links, Role, counted, own_file};
 use crate::rig::axes::CellAxes;
 use crate::rig::emulated::EmulatedDevice;
+use crate::rig::profiled::{ArrayResponse, ProfiledBoard, ProfiledCell, most_n};
+use crate::rig::simulated::not_simulated;
 use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, OwnFile, RigSpec, RigWiring};
-use palpate_core::quantity::ArrayLayout;
+use palpate_core::quantity::{ArrayLayout, Range};
 use palpate_document::{Bounds, Problem, Table, keys};
 use palpate_drivers::lines::{ForceColumns, LineArray, LineLoadCell, LineProfile, SHIPPED};
 use palpate_drivers::{AnyArray, AnyLoadCell};
-use palpate_link::device::{DeviceError, DeviceProblem};
+use palpate_link::device::DeviceError;
 use palpate_link::wire::Link;
 use palpate_sim::emulator::lines::{
-    BoardFirmware, Bota, Gsv8, Hx711, Hx711Sketch, Mark10, NetFt, OneNumber, ReSkin, STRAIGHT, SerialBoard, Velostat,
+    BoardFirmware, Bota, CellScale, Gsv8, Hx711, Hx711Sketch, Mark10, NetFt, OneNumber, ReSkin, STRAIGHT, SerialBoard,
+    Velostat,
 };
 use palpate_sim::scene::SceneDevice;
 use std::sync::Arc;
@@ -19,7 +22,7 @@ use std::sync::Arc;
 pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     name: "lines",
     meaning: "any device that sends lines of numbers or frames of bytes, with a line profile",
-    simulated: "hx711, mark-10, ati-netft, bota-serial and me-gsv8 as load cells, reskin, mlx90393-text, velostat-16 and one-number as arrays",
+    simulated: "hx711, mark-10, ati-netft, bota-serial and me-gsv8 as load cells, reskin, mlx90393-text, velostat-16 and one-number as arrays; what any other profile describes",
     stage: None,
     load_cell: Some(Role {
         words: &[],
@@ -35,6 +38,9 @@ const MAGNETOMETERS_HZ: f64 = 400.0;
 
 /// Baud rate of the emulated pressure matrix.
 const MATRIX_BAUD: f64 = 115_200.0;
+
+/// Rate of an emulated array that only its profile knows, 1/s: that of many boards.
+const OWN_ARRAY_HZ: f64 = 100.0;
 
 const FACTOR: Bounds = Bounds::within(-1e12, 1e12, "");
 
@@ -180,19 +186,23 @@ impl LoadCellDriver for LineLoadCellSpec {
 
     fn emulated(&self, rig: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
         let hz = rig.load_cell.conversions_hz;
-        let range_n = 2.5 * rig.full_scale_n.unwrap_or(rig.limits.force_n);
+        let force = self.0.profile.force.as_ref().ok_or_else(|| super::unfit("load cell", &self.0.file.name))?;
+        let cell = ProfiledCell::new(rig, self.has_axes(), force.range_n);
+        let outputs = self.0.response(rig).filter(|_| rig.is_one_board());
+        let own = self.0.profiled(SceneDevice::LoadCell, hz, Some(cell), outputs)?;
+        let (range_n, scale) = (most_n(rig), self.0.cell_scale());
         let mounting = rig.load_cell.axes.as_ref().map_or(STRAIGHT, CellAxes::to_device);
-        match self.0.file.name.as_str() {
-            "hx711" => Ok(board(Hx711::new(Hx711Sketch::Bare, hz))),
-            "mark-10" => Ok(board(Mark10::new(range_n))),
+        Ok(match self.0.file.name.as_str() {
+            "hx711" => board(Hx711::new(Hx711Sketch::Bare, hz).scaled(scale)),
+            "mark-10" => board(Mark10::new(range_n).scaled(scale)),
             "ati-netft" => {
-                let device = SerialBoard::new(NetFt::new(hz, range_n, mounting));
-                Ok(EmulatedDevice::datagrams(device, "rdt"))
+                let device = SerialBoard::new(NetFt::new(hz, range_n, mounting).scaled(scale));
+                EmulatedDevice::datagrams(device, "rdt")
             }
-            "me-gsv8" => Ok(board(Gsv8::new(hz, range_n, mounting))),
-            "bota-serial" => Ok(board(Bota::new(hz, range_n, mounting))),
-            _ => Err(self.0.not_emulated(SceneDevice::LoadCell)),
-        }
+            "me-gsv8" => board(Gsv8::new(hz, range_n, mounting).scaled(scale)),
+            "bota-serial" => board(Bota::new(hz, range_n, mounting).scaled(scale)),
+            _ => self.0.offered(own, &rig.load_cell.link),
+        })
     }
 }
 
@@ -204,14 +214,19 @@ impl ArrayDriver for LineArraySpec {
         Ok(AnyArray::Lines(LineArray::new(port, outputs, array.link.to_string())))
     }
 
-    fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
-        match self.0.file.name.as_str() {
-            "reskin" => Ok(board(ReSkin::new(MAGNETOMETERS_HZ))),
-            "mlx90393-text" => Ok(board(ReSkin::text(MAGNETOMETERS_HZ))),
-            "velostat-16" => Ok(board(Velostat::new(b',', MATRIX_BAUD))),
-            "one-number" => Ok(board(OneNumber)),
-            _ => Err(self.0.not_emulated(SceneDevice::Array)),
-        }
+    fn emulated(&self, rig: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
+        let own = self.0.profile.outputs.as_ref();
+        let (scale, offset) = own.map_or((1.0, 0.0), |outputs| (outputs.scale, outputs.offset));
+        Ok(match self.0.file.name.as_str() {
+            "reskin" => board(ReSkin::new(MAGNETOMETERS_HZ).scaled(scale)),
+            "mlx90393-text" => board(ReSkin::text(MAGNETOMETERS_HZ).scaled(scale)),
+            "velostat-16" => board(Velostat::new(b',', MATRIX_BAUD).scaled(scale)),
+            "one-number" => board(OneNumber::new(scale, offset)),
+            _ => {
+                let own = self.0.profiled(SceneDevice::Array, OWN_ARRAY_HZ, None, self.0.response(rig))?;
+                self.0.offered(own, &rig.array.link)
+            }
+        })
     }
 
     fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
@@ -231,16 +246,47 @@ impl Sender {
         (is_stream && self.profile.is_packets()).then_some(Misfit { role, text, help })
     }
 
-    fn not_emulated(&self, role: SceneDevice) -> DeviceError {
-        let section = if role == SceneDevice::LoadCell { "load_cell" } else { "array" };
-        let text = format!(
-            "a line profile of your own can't be simulated, because nothing else knows the device \"{}\": for a simulated run \
-             write driver = {{ process = [\"python3\", \"read.py\"] }} in [{}] and no `link`: its emulator has any array and any force, and \
-             read.py needn't exist. Or use one of the profiles hx711, mark-10, ati-netft, bota-serial and me-gsv8 (load cell), reskin, mlx90393-text, velostat-16 and one-number (array)",
-            self.file.name, section
-        );
-        let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
-        DeviceError { device, doing, problem: DeviceProblem::Mismatch(text) }
+    /// Returns how the numbers of an array follow its outputs; `None` if the profile has none.
+    fn response(&self, rig: &RigSpec) -> Option<ArrayResponse> {
+        let outputs = self.profile.outputs.as_ref()?;
+        // the narrowest of its columns holds all
+        let wholes = outputs.columns.iter().filter_map(|column| self.profile.whole_range(*column));
+        let range = wholes
+            .chain(outputs.possible)
+            .reduce(|range, other| Range { min: range.min.max(other.min), max: range.max.min(other.max) });
+        let full_scale_n = rig.full_scale_n.unwrap_or(rig.limits.force_n);
+        Some(ArrayResponse::new(outputs.scale, outputs.offset, range, full_scale_n))
+    }
+
+    /// Returns the calibration of a load cell, as profile and rig state it.
+    fn cell_scale(&self) -> CellScale {
+        let own = self.profile.force.as_ref();
+        own.map_or(CellScale::NEWTON, |force| CellScale {
+            newton_per_unit: force.newton_per_unit.unwrap_or(1.0),
+            offset: force.offset,
+        })
+    }
+
+    /// Returns a board that sends what the profile reads.
+    fn profiled(
+        &self,
+        role: SceneDevice,
+        hz: f64,
+        cell: Option<ProfiledCell>,
+        outputs: Option<ArrayResponse>,
+    ) -> Result<ProfiledBoard, DeviceError> {
+        let board = ProfiledBoard::new(self.profile.clone(), hz, cell, outputs);
+        let checked = board.check().map_err(|why| not_simulated(role, self.file.not_simulated(&why)));
+        checked.map(|()| board)
+    }
+
+    /// Returns a board of the profile on the kind of link that the rig names.
+    fn offered(&self, own: ProfiledBoard, link: &Link) -> EmulatedDevice {
+        match link {
+            _ if self.profile.is_packets() => EmulatedDevice::datagrams(SerialBoard::new(own), "lines"),
+            Link::Tcp { .. } => EmulatedDevice::network(SerialBoard::new(own), "lines"),
+            _ => board(own),
+        }
     }
 }
 

@@ -3,12 +3,14 @@
 use super::{Beside, DeviceFamily, Links, Role, counted, own_file, unfit};
 use crate::rig::axes::CellAxes;
 use crate::rig::emulated::EmulatedDevice;
+use crate::rig::profiled::{ArrayResponse, MappedRegisters, ProfiledCell, most_n};
+use crate::rig::simulated::not_simulated;
 use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, OwnFile, RigSpec, RigWiring};
 use palpate_core::quantity::ArrayLayout;
 use palpate_document::{Problem, Table, keys};
 use palpate_drivers::modbus::{ModbusArray, ModbusFraming, ModbusLoadCell, Profile, SHIPPED, Transport};
 use palpate_drivers::{AnyArray, AnyLoadCell};
-use palpate_link::device::{self, DeviceError};
+use palpate_link::device::DeviceError;
 use palpate_link::wire::Link;
 use palpate_sim::emulator::lines::STRAIGHT;
 use palpate_sim::emulator::{Instrument, LabJackT7, LaumasTlb, Modbus, RobotiqFt300, SenecaZsg, Transmitter};
@@ -18,14 +20,11 @@ use std::sync::Arc;
 pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     name: "modbus",
     meaning: "any Modbus device with a register map",
-    simulated: "generic-rs485, laumas-tlb, robotiq-ft300, seneca-zsg and seneca-zsg2 as load cells, labjack-t7 as load cell and array",
+    simulated: "generic-rs485, laumas-tlb, robotiq-ft300, seneca-zsg and seneca-zsg2 as load cells, labjack-t7 as load cell and array; what any other map describes",
     stage: None,
     load_cell: Some(Role { words: &[], keys: driver::KEYS.always, links: Links::Stream, read: read_load_cell }),
     array: Some(Role { words: &[], keys: driver::KEYS.always, links: Links::Stream, read: read_array }),
 };
-
-/// Ratio of the emulated transmitters' range to the specimen's force limit.
-const RANGE_OVER_LIMIT: f64 = 2.5;
 
 keys! {
     /// `driver = { modbus = ... }`
@@ -107,20 +106,23 @@ impl LoadCellDriver for ModbusLoadCellSpec {
     }
 
     fn emulated(&self, rig: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
-        let (range_n, unit_id) =
-            (RANGE_OVER_LIMIT * rig.full_scale_n.unwrap_or(rig.limits.force_n), self.0.profile.unit_id);
-        match self.0.file.name.as_str() {
-            "generic-rs485" => Ok(rtu(Modbus::rtu(Transmitter::new(range_n), unit_id))),
-            "laumas-tlb" => Ok(rtu(Modbus::rtu(LaumasTlb::new(range_n), unit_id))),
+        let (range_n, unit_id) = (most_n(rig), self.0.profile.unit_id);
+        Ok(match self.0.file.name.as_str() {
+            "generic-rs485" => rtu(Modbus::rtu(Transmitter::new(range_n), unit_id)),
+            "laumas-tlb" => rtu(Modbus::rtu(LaumasTlb::new(range_n), unit_id)),
             "robotiq-ft300" => {
                 let mounting = rig.load_cell.axes.as_ref().map_or(STRAIGHT, CellAxes::to_device);
-                Ok(rtu(Modbus::rtu(RobotiqFt300::new(mounting), unit_id)))
+                rtu(Modbus::rtu(RobotiqFt300::new(mounting), unit_id))
             }
-            "seneca-zsg" => Ok(rtu(Modbus::rtu(SenecaZsg::zsg(range_n), unit_id))),
-            "seneca-zsg2" => Ok(rtu(Modbus::rtu(SenecaZsg::zsg2(range_n), unit_id))),
-            "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(SceneDevice::LoadCell)))),
-            _ => Err(self.0.not_emulated(SceneDevice::LoadCell)),
-        }
+            "seneca-zsg" => rtu(Modbus::rtu(SenecaZsg::zsg(range_n), unit_id)),
+            "seneca-zsg2" => rtu(Modbus::rtu(SenecaZsg::zsg2(range_n), unit_id)),
+            "labjack-t7" => tcp(Modbus::tcp(LabJackT7::new(SceneDevice::LoadCell))),
+            _ => {
+                let own_range_n = self.0.profile.force.as_ref().and_then(|force| force.range_n);
+                let cell = ProfiledCell::new(rig, self.has_axes(), own_range_n);
+                self.0.mapped(SceneDevice::LoadCell, MappedRegisters::of_cell(self.0.profile.clone(), cell))?
+            }
+        })
     }
 }
 
@@ -132,18 +134,21 @@ impl ArrayDriver for ModbusArraySpec {
         Ok(AnyArray::Modbus(driver.ok_or_else(|| unfit("array", &self.0.file.name))?))
     }
 
-    fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
-        match self.0.file.name.as_str() {
-            "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(SceneDevice::Array)))),
-            _ => Err(self.0.not_emulated(SceneDevice::Array)),
+    fn emulated(&self, rig: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
+        if self.0.file.name == "labjack-t7" {
+            return Ok(tcp(Modbus::tcp(LabJackT7::new(SceneDevice::Array))));
         }
+        let range = self.0.profile.outputs.as_ref().and_then(|outputs| outputs.register.encoding.range());
+        let response = ArrayResponse::new(1.0, 0.0, range, rig.full_scale_n.unwrap_or(rig.limits.force_n));
+        self.0.mapped(SceneDevice::Array, MappedRegisters::of_array(self.0.profile.clone(), response))
     }
+
     fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
         let Profile { name, outputs: own, .. } = &self.0.profile;
         let most = own.as_ref().map_or(0, |own| own.count_max);
         let text = format!("{}, but {name} has {most} outputs", counted(layout));
-        let help = "a register map of your own can have more, on real links; to simulate more outputs, use { process = [...] }: `palpate init \
-                    --from magnetic` writes such a rig";
+        let help = "a register map of your own can have more, and so can { process = [...] }: `palpate init --from magnetic` writes such \
+                    a rig";
         (layout.len() > most).then_some((text, Some(help)))
     }
 }
@@ -165,14 +170,13 @@ impl MappedDevice {
         vec![Misfit { role, text, help: Some(help) }]
     }
 
-    fn not_emulated(&self, role: SceneDevice) -> DeviceError {
-        let text = format!(
-            "there is no emulator for the register map \"{}\" in this role: simulated are generic-rs485, laumas-tlb, \
-             robotiq-ft300, seneca-zsg and seneca-zsg2 (load cell) and labjack-t7 (load cell or array)",
-            self.file.name
-        );
-        let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
-        DeviceError { device, doing, problem: device::DeviceProblem::Mismatch(text) }
+    /// Returns a device with the registers of the map.
+    fn mapped(&self, role: SceneDevice, map: MappedRegisters) -> Result<EmulatedDevice, DeviceError> {
+        map.check().map_err(|why| not_simulated(role, self.file.not_simulated(&why)))?;
+        Ok(match self.profile.transport {
+            Transport::Rtu => rtu(Modbus::rtu(map, self.profile.unit_id)),
+            Transport::Tcp => tcp(Modbus::tcp(map)),
+        })
     }
 }
 

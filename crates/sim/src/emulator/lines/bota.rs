@@ -1,6 +1,6 @@
 //! A Bota Systems sensor with six axes on a serial line, as Bota's own example for Python reads it (`bota_serial_example.py`).
 
-use super::{BoardFirmware, Port, axes};
+use super::{BoardFirmware, CellScale, Port, axes};
 use crate::scene::{Scene, SceneDevice};
 
 /// Baud rate of the example.
@@ -24,6 +24,7 @@ pub struct Bota {
     rate_hz: f64,
     range_n: f64,
     mounting: [[f64; 3]; 3],
+    scale: CellScale,
     is_configured: bool,
 }
 
@@ -31,7 +32,13 @@ impl Bota {
     /// Creates a sensor that sends `rate_hz` frames per second, of forces up to `range_n` along each axis. `mounting` is the matrix from
     /// the forces of the tip on the specimen along x, y and the press to those along its axes.
     pub fn new(rate_hz: f64, range_n: f64, mounting: [[f64; 3]; 3]) -> Self {
-        Bota { rate_hz, range_n, mounting, is_configured: false }
+        Bota { rate_hz, range_n, mounting, scale: CellScale::NEWTON, is_configured: false }
+    }
+
+    /// Gives it another calibration.
+    #[must_use]
+    pub fn scaled(self, scale: CellScale) -> Self {
+        Bota { scale, ..self }
     }
 }
 
@@ -54,10 +61,11 @@ impl BoardFirmware for Bota {
     }
 
     fn read(&mut self, scene: &mut Scene, now_s: f64) -> Vec<f64> {
-        let ([x_n, y_n, z_n], is_beyond) = axes::read(scene, now_s, &self.mounting, self.range_n);
+        let (forces_n, is_beyond) = axes::read(scene, now_s, &self.mounting, self.range_n);
+        let [x, y, z] = forces_n.map(|force_n| self.scale.number(force_n));
         let state = if is_beyond { OVER_RANGE } else { 0.0 };
         let time_us = (now_s * 1e6).floor().rem_euclid(CLOCK);
-        vec![state, x_n, y_n, z_n, 0.0, 0.0, 0.0, time_us, TEMPERATURE]
+        vec![state, x, y, z, 0.0, 0.0, 0.0, time_us, TEMPERATURE]
     }
 
     fn line(&self, reading: &[f64]) -> Vec<u8> {

@@ -1,7 +1,7 @@
 //! An amplifier GSV-8 of ME-Messsysteme with a sensor with six axes, as the vendor's own package for Python reads it
 //! (me-systeme/gsv8pypi_python3).
 
-use super::{BoardFirmware, Port, axes};
+use super::{BoardFirmware, CellScale, Port, axes};
 use crate::scene::{Scene, SceneDevice};
 
 /// Baud rate of the vendor's library.
@@ -33,6 +33,7 @@ pub struct Gsv8 {
     rate_hz: f64,
     range_n: f64,
     mounting: [[f64; 3]; 3],
+    scale: CellScale,
     is_sending: bool,
 }
 
@@ -40,7 +41,13 @@ impl Gsv8 {
     /// Creates an amplifier that sends `rate_hz` measurements per second, of forces up to `range_n` along each axis. `mounting` is the
     /// matrix from the forces of the tip on the specimen along x, y and the press to those along the axes of the sensor.
     pub fn new(rate_hz: f64, range_n: f64, mounting: [[f64; 3]; 3]) -> Self {
-        Gsv8 { rate_hz, range_n, mounting, is_sending: true }
+        Gsv8 { rate_hz, range_n, mounting, scale: CellScale::NEWTON, is_sending: true }
+    }
+
+    /// Gives it another calibration.
+    #[must_use]
+    pub fn scaled(self, scale: CellScale) -> Self {
+        Gsv8 { scale, ..self }
     }
 }
 
@@ -65,7 +72,7 @@ impl BoardFirmware for Gsv8 {
     fn read(&mut self, scene: &mut Scene, now_s: f64) -> Vec<f64> {
         let (forces_n, is_beyond) = axes::read(scene, now_s, &self.mounting, self.range_n);
         let mut reading = vec![f64::from(if is_beyond { FLOATS | OVERDRIVEN } else { FLOATS })];
-        reading.extend(forces_n);
+        reading.extend(forces_n.map(|force_n| self.scale.number(force_n)));
         reading.resize(1 + CHANNELS, 0.0);
         reading
     }

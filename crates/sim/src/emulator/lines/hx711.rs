@@ -1,7 +1,7 @@
 //! An Arduino Uno with an HX711 amplifier and the library bogde/HX711.
 
 use super::print::print_float;
-use super::{BoardFirmware, LINE_END, Port};
+use super::{BoardFirmware, CellScale, LINE_END, Port};
 use crate::scene::{Scene, SceneDevice};
 
 /// Ends of the 24-bit counts. The chip stays at an end beyond its range (data sheet of the HX711, from memory).
@@ -33,14 +33,13 @@ pub enum Hx711Sketch {
 pub struct Hx711 {
     sketch: Hx711Sketch,
     rate_hz: f64,
+    scale: CellScale,
     tare_counts: Option<f64>,
 }
 
 impl Hx711 {
-    /// Counts for one newton. The range of the chip ends at some 20 N.
-    pub const COUNTS_PER_N: f64 = 400_000.0;
-    /// Counts without a force: no bridge is balanced exactly.
-    pub const ZERO_COUNTS: f64 = 84_000.0;
+    /// Usual counts: 400,000 for one newton, so the range of the chip ends at some 20 N. No bridge is balanced exactly.
+    pub const USUAL: CellScale = CellScale { newton_per_unit: 0.000_002_5, offset: 84_000.0 };
     /// Conversions per second with the pin RATE low, as most boards have it.
     pub const SLOW_HZ: f64 = 10.0;
     /// Conversions per second with the pin RATE high.
@@ -48,7 +47,13 @@ impl Hx711 {
 
     /// Creates the firmware. `rate_hz` is the number of conversions per second; the chip's own clock is off by some percent.
     pub fn new(sketch: Hx711Sketch, rate_hz: f64) -> Self {
-        Hx711 { sketch, rate_hz, tare_counts: None }
+        Hx711 { sketch, rate_hz, scale: Self::USUAL, tare_counts: None }
+    }
+
+    /// Puts a load cell with other counts on the amplifier.
+    #[must_use]
+    pub fn scaled(self, scale: CellScale) -> Self {
+        Hx711 { scale, ..self }
     }
 }
 
@@ -78,11 +83,10 @@ impl BoardFirmware for Hx711 {
 
     /// The reading of [`Hx711Sketch::Demo`] that becomes its tare is empty.
     fn read(&mut self, scene: &mut Scene, now_s: f64) -> Vec<f64> {
-        let counts = Self::ZERO_COUNTS + scene.load_cell_n(now_s) * Self::COUNTS_PER_N;
-        let counts = counts.round().clamp(COUNTS_LEAST, COUNTS_MOST);
+        let counts = self.scale.number(scene.load_cell_n(now_s)).round().clamp(COUNTS_LEAST, COUNTS_MOST);
         match (self.sketch, self.tare_counts) {
             (Hx711Sketch::Bare | Hx711Sketch::Basic, _) => vec![counts],
-            (Hx711Sketch::Demo, Some(tare)) => vec![(counts - tare) / (Self::COUNTS_PER_N * NEWTONS_PER_POUND)],
+            (Hx711Sketch::Demo, Some(tare)) => vec![(counts - tare) * self.scale.newton_per_unit / NEWTONS_PER_POUND],
             (Hx711Sketch::Demo, None) => {
                 self.tare_counts = Some(counts);
                 Vec::new()
@@ -133,6 +137,16 @@ mod tests {
         assert_eq!(line(Hx711Sketch::Bare, 20.0), "8084000\r\n");
         assert_eq!(line(Hx711Sketch::Bare, 30.0), "8388607\r\n");
         assert_eq!(Hx711::new(Hx711Sketch::Bare, 10.0).line(&[COUNTS_LEAST]), b"-8388608\r\n");
+    }
+
+    #[test]
+    fn counts_follow_the_cell_and_its_zero() {
+        for (newton_per_unit, offset, expected) in
+            [(0.000_005, 84_000.0, 134_000.0), (-0.000_002_5, 84_000.0, -16_000.0), (0.000_002_5, 0.0, 100_000.0)]
+        {
+            let mut firmware = Hx711::new(Hx711Sketch::Bare, 10.0).scaled(CellScale { newton_per_unit, offset });
+            assert_eq!(firmware.read(&mut pressed(0.25), 1.0), [expected]);
+        }
     }
 
     #[test]

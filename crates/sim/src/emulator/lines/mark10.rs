@@ -1,7 +1,7 @@
 //! A Mark-10 force gauge, Series 5 or 7 (Series 5 user's guide, "Command Set / Gauge Control Language 2", section 9.6 or 9.8 by
 //! edition; AOUT, IPOL and OPOL as in the Model 7i user's guide, 14.6; the form of a reading as in the Series 4 guide, 9.1.4).
 
-use super::{BoardFirmware, LINE_END, Port};
+use super::{BoardFirmware, CellScale, LINE_END, Port};
 use crate::scene::{Scene, SceneDevice};
 
 /// Baud rate of a delivered gauge (1ramihamada/read-force, README.md; the guides let the user choose).
@@ -29,6 +29,7 @@ const NOT_APPLICABLE: [&str; 13] = ["LB", "OZ", "KG", "G", "KN", "?PT", "?PC", "
 /// Opening the port doesn't reset the gauge.
 pub struct Mark10 {
     capacity_n: f64,
+    scale: CellScale,
     zero_n: f64,
     milli: bool,
     with_unit: bool,
@@ -48,6 +49,7 @@ impl Mark10 {
     pub fn new(capacity_n: f64) -> Self {
         Mark10 {
             capacity_n,
+            scale: CellScale::NEWTON,
             zero_n: 0.0,
             milli: false,
             with_unit: true,
@@ -55,6 +57,12 @@ impl Mark10 {
             unsigned: false,
             auto_output: 0,
         }
+    }
+
+    /// Gives it another calibration: its newtons aren't those of the force.
+    #[must_use]
+    pub fn scaled(self, scale: CellScale) -> Self {
+        Mark10 { scale, ..self }
     }
 
     /// Force of the gauge without its zero, N.
@@ -65,7 +73,7 @@ impl Mark10 {
 
     /// Smallest step of a reading, in the unit of the reading.
     fn step(&self) -> f64 {
-        self.per_newton() * self.capacity_n / STEPS
+        self.per_newton() * self.capacity_n / STEPS / self.scale.newton_per_unit.abs()
     }
 
     fn per_newton(&self) -> f64 {
@@ -151,7 +159,7 @@ impl BoardFirmware for Mark10 {
         };
         let step = self.step();
         // plus zero: never -0
-        vec![(value * self.per_newton() / step).round() * step + 0.0]
+        vec![(self.scale.number(value) * self.per_newton() / step).round() * step + 0.0]
     }
 
     fn line(&self, reading: &[f64]) -> Vec<u8> {

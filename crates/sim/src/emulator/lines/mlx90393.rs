@@ -29,13 +29,13 @@ pub(super) struct Txyz(pub [f32; 1 + AXES]);
 
 /// Reads all chips. The channels x, y and z of the first chip are the first three outputs of the scene, and so on. Channels
 /// without an output stay at rest.
-pub(super) fn read(scene: &mut Scene, now_s: f64) -> Vec<Txyz> {
+pub(super) fn read(scene: &mut Scene, now_s: f64, microtesla_per_unit: f64) -> Vec<Txyz> {
     let mut outputs = vec![0.0; scene.taxels()];
     scene.outputs(now_s, &mut outputs);
     let chip = |outputs: &[f64]| {
         let field = |axis: usize, step: f32| {
             let output = outputs.get(axis).copied().unwrap_or(0.0);
-            converted(REST_MICROTESLA + output * MICROTESLA_PER_UNIT, step)
+            converted(REST_MICROTESLA + output * microtesla_per_unit, step)
         };
         Txyz([temperature(), field(0, XY_STEP), field(1, XY_STEP), field(2, Z_STEP)])
     };

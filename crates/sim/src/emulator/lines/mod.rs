@@ -28,11 +28,12 @@ mod one_number;
 mod port;
 mod print;
 mod reskin;
+mod scale;
 #[cfg(test)]
 mod tests;
 mod velostat;
 
-pub use axes::STRAIGHT;
+pub use axes::{STRAIGHT, read as read_axes};
 pub use bota::Bota;
 pub use fault::{Damage, DamageKind, LineFault, LineFaultKind};
 pub use gsv8::Gsv8;
@@ -43,12 +44,14 @@ pub use net_ft::NetFt;
 pub use one_number::OneNumber;
 pub use port::Port;
 pub use reskin::ReSkin;
+pub use scale::CellScale;
 pub use velostat::Velostat;
 
 use super::{Instrument, Owed, Shared};
 use crate::scene::{Scene, SceneDevice};
 use fault::LineFaults;
 use palpate_core::quantity::{RandomStream, stream};
+use palpate_link::wire::SerialLine;
 use port::Uart;
 use rand::RngExt;
 use std::collections::VecDeque;
@@ -310,6 +313,12 @@ impl<F: BoardFirmware> Instrument for SerialBoard<F> {
             self.bell.notify_waiters();
         }
         Vec::new()
+    }
+
+    /// The rate of the link replaces that of the sketch. A board knows when its line is busy, so it times its bytes itself.
+    fn on_line(&mut self, line: SerialLine) -> bool {
+        self.uart.set_byte_s(line.time_s(1));
+        true
     }
 
     fn accept(&mut self) -> Option<Shared<dyn Instrument>> {

@@ -1,7 +1,7 @@
 //! ATI Net F/T: a sensor with six axes that streams RDT records over UDP (manual 9610-05-1022, from memory; the PyPI packages NetFT and
 //! pynetft agree about records, commands and the bits of the state).
 
-use super::{BoardFirmware, Port, axes};
+use super::{BoardFirmware, CellScale, Port, axes};
 use crate::scene::{Scene, SceneDevice};
 
 /// Number of bytes of a request: header, command, number of records.
@@ -15,8 +15,8 @@ const STOP: u8 = 0;
 const START: u8 = 2;
 const BIAS: u8 = 0x42;
 
-/// Counts per newton of the usual calibration.
-const COUNTS_PER_NEWTON: f64 = 1e6;
+/// Counts of the usual calibration.
+const USUAL: CellScale = CellScale { newton_per_unit: 0.000_001, offset: 0.0 };
 
 /// Rate at which the device converts and counts; it may send fewer records, 1/s.
 const INTERNAL_HZ: f64 = 7000.0;
@@ -32,6 +32,7 @@ pub struct NetFt {
     rate_hz: f64,
     range_n: f64,
     mounting: [[f64; 3]; 3],
+    scale: CellScale,
     stream: Option<Stream>,
     /// Forces that the command for the software bias has set to zero, N.
     bias_n: [f64; 3],
@@ -48,7 +49,13 @@ impl NetFt {
     /// Creates a device that sends `rate_hz` records per second, of forces up to `range_n` along each axis. `mounting` is the matrix from
     /// the forces of the tip on the specimen along x, y and the press to those along its axes.
     pub fn new(rate_hz: f64, range_n: f64, mounting: [[f64; 3]; 3]) -> Self {
-        NetFt { rate_hz, range_n, mounting, stream: None, bias_n: [0.0; 3] }
+        NetFt { rate_hz, range_n, mounting, scale: USUAL, stream: None, bias_n: [0.0; 3] }
+    }
+
+    /// Gives it another calibration.
+    #[must_use]
+    pub fn scaled(self, scale: CellScale) -> Self {
+        NetFt { scale, ..self }
     }
 }
 
@@ -73,7 +80,7 @@ impl BoardFirmware for NetFt {
 
     fn read(&mut self, scene: &mut Scene, now_s: f64) -> Vec<f64> {
         let (forces_n, is_beyond) = axes::read(scene, now_s, &self.mounting, self.range_n);
-        let counts = forces_n.iter().zip(self.bias_n).map(|(force_n, bias_n)| (force_n - bias_n) * COUNTS_PER_NEWTON);
+        let counts = forces_n.iter().zip(self.bias_n).map(|(force_n, bias_n)| self.scale.number(force_n - bias_n));
         let sequence = self.stream.as_mut().map_or(0, |stream| {
             stream.sent = stream.sent.wrapping_add(1);
             stream.left = stream.left.map(|left| left.saturating_sub(1));

@@ -14,7 +14,17 @@ const PERIOD_S: f64 = 0.75;
 const BAUD: f64 = 9600.0;
 
 /// An Uno that prints the first output of the scene. It pushes lines without a command and listens to nothing.
-pub struct OneNumber;
+pub struct OneNumber {
+    scale: f64,
+    offset: f64,
+}
+
+impl OneNumber {
+    /// Creates the firmware of a board in a rig that subtracts `offset` from its number and multiplies the rest by `scale`.
+    pub fn new(scale: f64, offset: f64) -> Self {
+        OneNumber { scale, offset }
+    }
+}
 
 impl BoardFirmware for OneNumber {
     fn device(&self) -> SceneDevice {
@@ -33,7 +43,7 @@ impl BoardFirmware for OneNumber {
         let mut outputs = vec![0.0; scene.taxels()];
         scene.outputs(now_s, &mut outputs);
         outputs.truncate(1);
-        outputs
+        outputs.into_iter().map(|output| output / self.scale + self.offset).collect()
     }
 
     fn line(&self, reading: &[f64]) -> Vec<u8> {
@@ -53,12 +63,15 @@ mod tests {
     #[test]
     fn a_line_is_the_reading_of_the_scene_before_scale_and_offset() {
         let monitored = |value, scale, offset| scene().monitored(Monitored { value, scale, offset });
-        let line = |mut scene: Scene| {
-            let reading = OneNumber.read(&mut scene, 1.0);
-            String::from_utf8(OneNumber.line(&reading)).unwrap()
+        let line_of = |scale: f64, offset: f64, mut scene: Scene| {
+            let mut board = OneNumber::new(scale, offset);
+            let reading = board.read(&mut scene, 1.0);
+            String::from_utf8(board.line(&reading)).unwrap()
         };
+        let line = |scene: Scene| line_of(1.0, 0.0, scene);
         assert_eq!(line(monitored(None, 1.0, 0.0)), "23.000\r\n", "this scene names none");
         assert_eq!(line(monitored(Some(50.0), 100.0, 10.0)), "0.400\r\n");
         assert_eq!(line(scene()), "0.000\r\n");
+        assert_eq!(line_of(-0.5, 100.0, monitored(None, 1.0, 0.0)), "54.000\r\n");
     }
 }

@@ -19,7 +19,8 @@ const WAITING_MOST: usize = 1 << 20;
 /// Port of a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Port {
-    /// Bits per second of a serial line with 8N1. `None`: native USB or TCP, where a line takes no time.
+    /// Bits per second of a serial line with 8N1. `None`: native USB or TCP, where a line takes no time. A link
+    /// that names a rate replaces it.
     pub baud: Option<f64>,
     /// Silence after a link was opened, s: the adapter resets the board. `None` if opening doesn't reset the board.
     pub boot_s: Option<f64>,
@@ -74,6 +75,11 @@ impl Uart {
     pub(super) fn new(port: Port) -> Self {
         let byte_s = port.baud.map_or(0.0, |baud| BITS_PER_BYTE / baud);
         Uart { byte_s, packets: port.packets, under_way: VecDeque::new(), waiting: 0, free_s: 0.0 }
+    }
+
+    /// Sets the time for each byte, s.
+    pub(super) fn set_byte_s(&mut self, byte_s: f64) {
+        self.byte_s = byte_s;
     }
 
     /// Sends bytes from `at_s` on, after those under way. Returns the time at which the last byte is sent, s.

@@ -2,6 +2,7 @@
 //! `arduino/5X_binary_burst_stream/5X_binary_burst_stream.ino`) or as text (`arduino/5X_burst_stream/5X_burst_stream.ino`).
 
 use super::print::print_float;
+use super::scale::per_unit;
 use super::{BoardFirmware, LINE_END, Port, mlx90393};
 use crate::scene::{Scene, SceneDevice};
 
@@ -17,6 +18,7 @@ const DECIMALS: u32 = 2;
 pub struct ReSkin {
     rate_hz: f64,
     is_text: bool,
+    microtesla_per_unit: f64,
 }
 
 impl ReSkin {
@@ -26,12 +28,18 @@ impl ReSkin {
 
     /// Creates the firmware with a number of frames per second.
     pub fn new(rate_hz: f64) -> Self {
-        ReSkin { rate_hz, is_text: false }
+        ReSkin { rate_hz, is_text: false, microtesla_per_unit: mlx90393::MICROTESLA_PER_UNIT }
     }
 
     /// Creates the firmware that sends text.
     pub fn text(rate_hz: f64) -> Self {
-        ReSkin { rate_hz, is_text: true }
+        ReSkin { is_text: true, ..ReSkin::new(rate_hz) }
+    }
+
+    /// Gives it the magnets of a skin in a rig that multiplies its numbers by `scale`.
+    #[must_use]
+    pub fn scaled(self, scale: f64) -> Self {
+        ReSkin { microtesla_per_unit: per_unit(mlx90393::MICROTESLA_PER_UNIT, 1.0, scale), ..self }
     }
 }
 
@@ -49,7 +57,8 @@ impl BoardFirmware for ReSkin {
     }
 
     fn read(&mut self, scene: &mut Scene, now_s: f64) -> Vec<f64> {
-        let chips = mlx90393::read(scene, now_s).into_iter().map(|chip| chip.0.map(f64::from));
+        let chips =
+            mlx90393::read(scene, now_s, self.microtesla_per_unit).into_iter().map(|chip| chip.0.map(f64::from));
         let in_order = |mut chip: [f64; 4]| {
             // the text has the temperature last
             chip.rotate_left(usize::from(self.is_text));

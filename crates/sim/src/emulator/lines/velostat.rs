@@ -1,5 +1,6 @@
 //! A pressure matrix of Velostat at the converter of an Arduino (sketch: www.kobakant.at/DIY/?p=7443).
 
+use super::scale::per_unit;
 use super::{BoardFirmware, LINE_END, Port};
 use crate::scene::{Scene, SceneDevice};
 
@@ -24,6 +25,7 @@ const CONVERSION_S: f64 = 112e-6;
 pub struct Velostat {
     separator: u8,
     baud: f64,
+    counts_per_unit: f64,
 }
 
 impl Velostat {
@@ -34,7 +36,14 @@ impl Velostat {
 
     /// Creates the firmware of an Uno with a byte between the numbers: `b'\t'` with 9600 baud in the original.
     pub fn new(separator: u8, baud: f64) -> Self {
-        Velostat { separator, baud }
+        Velostat { separator, baud, counts_per_unit: Self::COUNTS_PER_UNIT }
+    }
+
+    /// Gives it the sheet of a rig that multiplies its counts by `scale`. They fall with the pressure for either sign,
+    /// because the circuit is the same.
+    #[must_use]
+    pub fn scaled(self, scale: f64) -> Self {
+        Velostat { counts_per_unit: per_unit(Self::COUNTS_PER_UNIT, 1.0, scale.abs()), ..self }
     }
 }
 
@@ -55,7 +64,7 @@ impl BoardFirmware for Velostat {
         let mut counts = vec![0.0; scene.taxels()];
         scene.outputs(now_s, &mut counts);
         for count in &mut counts {
-            *count = (Self::REST_COUNTS + *count * Self::COUNTS_PER_UNIT).round().clamp(0.0, COUNTS_MOST);
+            *count = (Self::REST_COUNTS + *count * self.counts_per_unit).round().clamp(0.0, COUNTS_MOST);
         }
         counts
     }

@@ -19,14 +19,18 @@ pub use transmitter::Transmitter;
 
 use super::Instrument;
 use crate::scene::{Scene, SceneDevice};
+use palpate_core::quantity::seconds;
+use palpate_link::wire::SerialLine;
 use rmodbus::server::{ModbusFrame, Read, Write};
 use rmodbus::{ErrorKind, ModbusProto, guess_request_frame_len};
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-/// Silence between two frames. A simulated line has no rate, so it is the fixed silence of lines faster than 19,200 baud (MODBUS
-/// over Serial Line V1.02, section 2.5.1.1).
+/// Silence between two frames of a line that is faster than [`SLOW_BAUD`] or has no rate (MODBUS over Serial Line V1.02, section
+/// 2.5.1.1). On a slower line it is that of [`SILENT_BYTES`].
 const SILENCE: Duration = Duration::from_micros(1750);
+const SLOW_BAUD: u32 = 19_200;
+const SILENT_BYTES: f64 = 3.5;
 /// Largest number of bytes in a frame: 256 of RTU, and the longer header of TCP.
 const FRAME_MOST: usize = 260;
 /// Number of bytes of the TCP header up to and including its length field. The field counts the bytes after it.
@@ -72,6 +76,7 @@ pub trait RegisterMap: Send {
 pub struct Modbus<M> {
     map: M,
     framing: EmulatedFraming,
+    silence: Duration,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -85,12 +90,12 @@ type RequestFrame<'a> = ModbusFrame<'a, Vec<u8>>;
 impl<M: RegisterMap> Modbus<M> {
     /// Creates a device on a serial line, as unit `unit_id` (1 to 247).
     pub fn rtu(map: M, unit_id: u8) -> Self {
-        Modbus { map, framing: EmulatedFraming::Rtu { unit_id } }
+        Modbus { map, framing: EmulatedFraming::Rtu { unit_id }, silence: SILENCE }
     }
 
     /// Creates a device on a TCP connection.
     pub fn tcp(map: M) -> Self {
-        Modbus { map, framing: EmulatedFraming::Tcp }
+        Modbus { map, framing: EmulatedFraming::Tcp, silence: SILENCE }
     }
 }
 
@@ -126,7 +131,12 @@ impl<M: RegisterMap> Instrument for Modbus<M> {
     }
 
     fn silence(&self) -> Option<Duration> {
-        (self.framing != EmulatedFraming::Tcp).then_some(SILENCE)
+        (self.framing != EmulatedFraming::Tcp).then_some(self.silence)
+    }
+
+    fn on_line(&mut self, line: SerialLine) -> bool {
+        self.silence = if line.baud > SLOW_BAUD { SILENCE } else { seconds(SILENT_BYTES * line.time_s(1)) };
+        false
     }
 
     /// Discards a request for an unsupported function. Its length can't be known from its first bytes, so the silence ends it.
