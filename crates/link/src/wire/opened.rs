@@ -112,7 +112,7 @@ fn serial_device(port: &str) -> String {
     let path = real_path(port).unwrap_or_else(|| port.to_owned());
     match path.strip_prefix("/dev/tty.") {
         Some(name) if cfg!(target_os = "macos") => format!("/dev/cu.{name}"), // both have the same link
-        _ if cfg!(windows) => path.to_uppercase(),
+        _ if cfg!(windows) => path.trim_start_matches(r"\\.\").to_uppercase(), // COM10 has both names
         _ => path,
     }
 }
