@@ -151,11 +151,6 @@ fn notes(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
         u_place_mm: rig.u_place_mm(),
         u_force_n: rig.load_cell.standard_uncertainty_n(test_n),
     };
-    if !rig.is_simulated()
-        && let Err(error) = rig.clone().simulated().emulators(plan.seed)
-    {
-        notes.push(format!("this rig can't be simulated: {error}"));
-    }
     let has_test = test_n > 0.0;
     let depths = of(Phase::Calibration).map(|entry| entry.task.most_mm()).filter(|depth_mm| *depth_mm > 0.0);
     let (least_mm, most_mm) =

@@ -14,6 +14,9 @@ const POINTS: &str = "\n[[step]]\nphase = \"test\"\nrandom = { count = 100, x_mm
 /// Least time of a press of 1 N on these benches, for any control (CONTROL 2), s.
 const BOUND_S: f64 = 0.534;
 
+/// The table of the force loop's page, as the full tier measures it; the page has the same table (`tests/house/numbers.rs`).
+const TABLE: &str = include_str!("force_loop.md");
+
 /// Bounds of a strategy: force error in the window, N, of 95 % of the presses and of all; time over the least time; excess over the set
 /// force, N.
 struct Bars {
@@ -104,6 +107,28 @@ impl FalseTripFigures {
     }
 }
 
+/// A value of a row of the table.
+type Cell = fn(&FalseTripFigures) -> String;
+
+/// Compares measured rows with the table: a name, and a value for each bench. Other tiers measure other numbers.
+fn must_be_in_table<const N: usize>(figures: &[FalseTripFigures], rows: [(String, Cell); N]) {
+    if campaign::tier() != campaign::Tier::Share(1.0) {
+        return;
+    }
+    let rows = rows.map(|(name, value)| {
+        let cells: Vec<String> = figures.iter().map(value).collect();
+        format!("| {name} | {} |", cells.join(" | "))
+    });
+    let is_there = |row: &String| TABLE.lines().any(|line| line == row);
+    let advice = "write these rows into tests/control/force_loop.md and docs/explanation/force-loop.md";
+    assert!(rows.iter().all(is_there), "{advice}:\n{}", rows.join("\n"));
+}
+
+/// Force of a row, mN.
+fn mn(force_n: f64) -> String {
+    format!("{:.1} mN", 1e3 * force_n)
+}
+
 /// Whole calibrations on a bench: noise of the load cell, N; strategy; seeds; and whether the paper's points follow or are made alone.
 struct FalseTripCalibration {
     bench: &'static str,
@@ -150,7 +175,7 @@ fn seeds(most: usize) -> std::ops::RangeInclusive<u64> {
 
 #[test]
 fn map_makes_no_false_trips_and_keeps_its_bounds() {
-    let mut missed = Vec::new();
+    let (mut missed, mut table) = (Vec::new(), Vec::new());
     for (((bench, _), bars), noisier_bars) in BENCHES.into_iter().zip(MAP_BARS).zip(NOISIER_BARS) {
         // the first five continue with the paper's points
         let whole = |noise_n, seed| FalseTripCalibration {
@@ -195,18 +220,30 @@ fn map_makes_no_false_trips_and_keeps_its_bounds() {
         for (points, output) in [(after, "points after a calibration"), (alone, "points alone")] {
             must(points.p95_n <= POINTS_P95_N && points.over_n <= POINTS_OVER_N, output);
         }
-        for (figures, bars, output) in [(nominal, bars, "map"), (noisier, noisier_bars, "10 mN of noise")] {
+        for (figures, bars, output) in [(&nominal, bars, "map"), (&noisier, noisier_bars, "10 mN of noise")] {
             missed.extend(figures.missed(&bars, false).iter().map(|what| format!("{bench}, {output}: {what}")));
         }
+        table.push(nominal);
     }
     must_be_none(&missed);
+    let time = format!("`map`: median time of a press (the shortest possible time is {BOUND_S} s)");
+    must_be_in_table(
+        &table,
+        [
+            (time, |figures| format!("{:.2} s", figures.median_s)),
+            ("`map`: force error, 95th percentile".to_owned(), |figures| mn(figures.p95_n)),
+            ("`map`: largest force error".to_owned(), |figures| mn(figures.most_n)),
+            ("`map`: largest force above the set force".to_owned(), |figures| mn(figures.over_n)),
+        ],
+    );
 }
 
 #[test]
 fn guarded_and_velocity_make_no_false_trips_and_keep_their_bounds() {
-    let mut missed = Vec::new();
+    let (mut missed, mut tables) = (Vec::new(), [Vec::new(), Vec::new()]);
     for (nth, (bench, _)) in BENCHES.into_iter().enumerate() {
-        for (strategy, bars) in [(Strategy::Guarded, &GUARDED_BARS[nth]), (Strategy::Velocity, &VELOCITY_BARS[nth])] {
+        let both = [(Strategy::Guarded, &GUARDED_BARS[nth]), (Strategy::Velocity, &VELOCITY_BARS[nth])];
+        for ((strategy, bars), table) in both.into_iter().zip(&mut tables) {
             let whole = |seed| FalseTripCalibration {
                 bench,
                 noise_n: NOISE_N,
@@ -221,7 +258,14 @@ fn guarded_and_velocity_make_no_false_trips_and_keep_their_bounds() {
             let output = format!("{bench}, {}", strategy.name());
             figures.print(&output);
             missed.extend(figures.missed(bars, !campaign::is_quick()).iter().map(|what| format!("{output}: {what}")));
+            table.push(figures);
         }
     }
     must_be_none(&missed);
+    let time: Cell = |figures| format!("{:.1} s", figures.median_s);
+    let [guarded, velocity] = tables;
+    let error = "`guarded`: largest force error, always below the set force".to_owned();
+    let rows = [("`guarded`: median time of a press".to_owned(), time), (error, |figures| mn(figures.most_n))];
+    must_be_in_table(&guarded, rows);
+    must_be_in_table(&velocity, [("`velocity`: median time of a press".to_owned(), time)]);
 }

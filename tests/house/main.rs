@@ -2,6 +2,7 @@
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod book;
+mod numbers;
 mod promises;
 mod prose;
 mod tiers;

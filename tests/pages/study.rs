@@ -30,16 +30,24 @@ fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice() {
     rows.iter().filter(|row| row["part"] != "stability").for_each(check_row);
     assert_eq!(pareto(&of("tolerance")), pareto_again(&of("tolerance")));
     rows.iter().filter(|row| row["done"].as_u64() > Some(1)).for_each(check_condition);
+    let failed = rows.iter().filter(|row| row["done"] == 0);
+    let named = |row: &Value| {
+        format!("{}, {}, {}: {}", text(row, "rig"), text(row, "scene"), row["declared_n_mm"], text(row, "rule"))
+    };
+    let failed: BTreeSet<String> = failed.map(named).collect();
+    assert_eq!(failed, KNOWN_FAILURES.map(str::to_owned).into(), "rows without a press");
 
     let figures: Vec<(String, Vec<u8>)> =
         bench.bytes("a").into_iter().filter(|(name, _)| name.ends_with(".svg")).collect();
-    assert_eq!(figures.len(), 5);
+    assert_eq!(figures.len(), 6);
     for (name, bytes) in &figures {
         is_well_formed(name, std::str::from_utf8(bytes).expect("an SVG is text"));
     }
 
     let output = bench.palpate_ends(0, "study control --quick --out b");
     assert!(output.out.lines().all(|line| line.chars().count() <= 80), "{}", output.out);
+    let count = rows.iter().filter(|row| row["done"] == 0).count();
+    assert!(output.out.contains(&format!("FAILED without a press: {count} of ")), "{}", output.out);
     assert_eq!(bench.bytes("a"), bench.bytes("b"));
 }
 
@@ -79,7 +87,24 @@ fn one_scene_leaves_rows_and_figures_and_is_the_same_twice() {
     }
 }
 
-/// A row of a condition states its progress, and has every number for it.
+/// Conditions of the quick study without a press: bench or stage, scene, declared N/mm and rule. On a specimen stiffer than declared the
+/// rule is right. The others are faults that are known. A condition that is missing here fails the test, and so does one that presses again.
+const KNOWN_FAILURES: [&str; 12] = [
+    "ESP301, steel, 500 N/mm, 550.0: rises-at-rest",
+    "ESP301, stiffness 1.5x as said, 2.0: hard-contact",
+    "ESP301, stiffness 2x as said, 2.0: hard-contact",
+    "ESP301, stiffness 3x as said, 2.0: hard-contact",
+    "ESP301, stiffness 5x as said, 2.0: hard-contact",
+    "XPS-like, nominal, 100.0: no-response",
+    "XPS-like, nominal, 500.0: outputs-moved",
+    "XPS-like, steel, 500 N/mm, 550.0: rises-at-rest",
+    "XPS-like, stiffness 1.5x as said, 2.0: hard-contact",
+    "XPS-like, stiffness 2x as said, 2.0: hard-contact",
+    "XPS-like, stiffness 3x as said, 2.0: hard-contact",
+    "XPS-like, stiffness 5x as said, 2.0: hard-contact",
+];
+
+/// A row of a condition states its progress, and has every number for it. Two presses make the first time between two.
 fn check_row(row: &Value) {
     let (points, done, trips) = (row["points"].as_u64(), row["done"].as_u64(), row["trips"].as_u64());
     assert_eq!(row["rule"].is_null(), trips == Some(0), "{row}");
@@ -87,8 +112,13 @@ fn check_row(row: &Value) {
     for key in ["force_set_n", "tolerance_n", "bound_s"] {
         assert!(row[key].as_f64().is_some_and(|value| value > 0.0), "{key} in {row}");
     }
-    for key in ["median_s", "p95_s", "ratio", "error_mean_mn", "error_p95_mn", "error_max_mn", "peak_over_mn"] {
-        assert!(row[key].is_number() || done < Some(2), "{key} in {row}");
+    for (keys, from) in [
+        (&["median_s", "p95_s", "ratio"][..], 2),
+        (&["error_mean_mn", "error_p95_mn", "error_max_mn", "peak_over_mn"], 1),
+    ] {
+        for key in keys {
+            assert_eq!(row[key].is_number(), done >= Some(from), "{key} in {row}");
+        }
     }
 }
 
@@ -96,6 +126,8 @@ fn check_row(row: &Value) {
 /// stage's step of 0.1 um is 50 mN, and the excess is 35 to 39 mN with this seed; on steel behind a spring, 0.2 mN.
 const STEEL_OVER_MN: std::ops::RangeInclusive<f64> = 20.0..=45.0;
 const SPRING_OVER_MN: f64 = 0.5;
+/// The same at 20 N/mm: 2.5 mN in 1350 presses.
+const HARD_OVER_MN: f64 = 3.0;
 
 /// The numbers of a complete condition are possible for its errors, and guarded keeps its promise.
 fn check_condition(row: &Value) {
@@ -111,6 +143,7 @@ fn check_condition(row: &Value) {
         let keeps = match scene {
             _ if scene.starts_with("steel, 500") => STEEL_OVER_MN.contains(&over_mn),
             _ if scene.starts_with("steel behind") => over_mn <= SPRING_OVER_MN,
+            _ if scene.starts_with("hard") => over_mn <= HARD_OVER_MN,
             _ => over_mn < 0.0,
         };
         assert!(keeps, "guarded is {over_mn} mN over the set force: {row}");

@@ -64,6 +64,8 @@ fn real_link_has_one_owner_and_is_free_after_its_kill() {
         in_own_folder(&bench, "doctor rig.toml --confirmed down").output().expect("the program starts").into();
     // the devices are free; nothing has shown that the load cell measures force
     assert_eq!(printed.code, Some(1), "{}\n{}", printed.out, printed.err);
+    let left = fs::read_dir(bench.path("tmp")).expect("a folder").count();
+    assert_eq!(left, 0, "no lock file outlives its program: the last owner removed those of the killed one");
 }
 
 #[test]

@@ -123,6 +123,13 @@ pub struct ConditionOutcome {
     pub solved_force_error_n: Option<f64>,
 }
 
+impl ConditionOutcome {
+    /// Whether no press was completed. Such a row has no numbers, so a comparison that leaves it out would pass.
+    pub fn has_no_press(&self) -> bool {
+        self.done == 0
+    }
+}
+
 impl LoopCondition {
     /// Executes the condition in virtual time, without files.
     ///

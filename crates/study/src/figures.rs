@@ -60,10 +60,14 @@ fn time_and_error(findings: &LoopFindings) -> Figure {
         height_px: 420.0,
         panels: vec![Panel { x, y, marks }],
         legend: legend.chunks(Strategy::ALL.len()).map(<[_]>::to_vec).collect(),
-        notes: vec![
-            "next to a point: the set tolerances, mN; ringed: nothing on its bench is both faster and more exact; not shown: runs ended by a rule"
-                .to_owned(),
-        ],
+        notes: with_left_out(
+            vec![
+                "next to a point: the set tolerances, mN; ringed: nothing on its bench is both faster and more exact"
+                    .to_owned(),
+            ],
+            findings,
+            StudyPart::Tolerance,
+        ),
         ..Figure::default()
     }
 }
@@ -106,6 +110,7 @@ fn stages(findings: &LoopFindings) -> Figure {
             marks,
         }],
         legend: vec![legend],
+        notes: with_left_out(Vec::new(), findings, StudyPart::Stages),
         ..Figure::default()
     }
 }
@@ -251,9 +256,11 @@ fn caution(findings: &LoopFindings) -> Figure {
         height_px: 360.0,
         panels: vec![Panel { x: ChartAxis::log("declared stiffness, N/mm", [2.0, 500.0], (1.6, 1000.0)), y, marks }],
         legend: vec![Strategy::ALL.map(named).to_vec()],
-        notes: vec![format!(
-            "{SLOW_SIDE} x {SLOW_SIDE} places from {SLOW_N_MM} N/mm on; not shown: runs ended by a rule"
-        )],
+        notes: with_left_out(
+            vec![format!("{SLOW_SIDE} x {SLOW_SIDE} places from {SLOW_N_MM} N/mm on")],
+            findings,
+            StudyPart::Caution,
+        ),
         ..Figure::default()
     }
 }
@@ -294,6 +301,14 @@ fn calibration(findings: &LoopFindings) -> Figure {
         ],
         ..Figure::default()
     }
+}
+
+/// Adds how many runs of a part a figure leaves out, if any, and how many of them failed before their first press.
+fn with_left_out(notes: Vec<String>, findings: &LoopFindings, part: StudyPart) -> Vec<String> {
+    let ended = findings.of(part).filter(|outcome| outcome.rule.is_some()).count();
+    let failed = findings.of(part).filter(|outcome| outcome.has_no_press()).count();
+    let left_out = format!("not shown: {ended} runs ended by a rule, {failed} of them before the first press");
+    notes.into_iter().chain((ended > 0).then_some(left_out)).collect()
 }
 
 /// Look of a strategy on the fast bench, and its name.

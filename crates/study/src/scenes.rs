@@ -17,6 +17,8 @@ pub struct BenchChange {
 /// Stiffness of a spring in series with bare steel, N/mm. The second constant is the stiffness of the steel, N/mm.
 const SPRING_N_MM: f64 = 20.0;
 const STEEL_N_MM: f64 = 500.0;
+/// Stiffness of a hard specimen, N/mm.
+const HARD_N_MM: f64 = 20.0;
 /// Number of time constants of a low-pass that count as its lag.
 const TIME_CONSTANTS: f64 = 2.5;
 
@@ -31,7 +33,7 @@ pub(crate) const SCENES: [BenchChange; 13] = [
         spec.limits = Limits { force_n: 0.6, stiffness_n_mm: 0.5, ..spec.limits };
     }),
     change("hard, 20 N/mm", 1.0, |spec| {
-        spec.scene.contact = line(20.0, spec.scene.contact.toe_mm);
+        spec.scene.contact = line(HARD_N_MM, spec.scene.contact.toe_mm);
         spec.limits.stiffness_n_mm = 24.0;
     }),
     change("steel, 500 N/mm", 1.0, |spec| {

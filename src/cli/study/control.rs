@@ -3,6 +3,7 @@
 use super::begun::{Common, StudyOutput, number};
 use crate::api::Failure;
 use crate::cli::text_table::{TextTable, cells};
+use palpate_control::Strategy;
 use palpate_study::{ConditionOutcome, LoopFindings, LoopSize, StudyPart, control, figures};
 use std::path::Path;
 use std::process::ExitCode;
@@ -86,5 +87,25 @@ fn summary(findings: &LoopFindings, out: &Path) -> String {
             number(outcome.location_error_mm, 3),
         ]);
     }
-    format!("{text}{table}\nfigures and rows: {}\n", out.display())
+    format!("{text}{table}\n{}figures and rows: {}\n", failed(findings), out.display())
+}
+
+/// Lists the conditions without a press, which have no numbers in any table.
+fn failed(findings: &LoopFindings) -> String {
+    let failed: Vec<&ConditionOutcome> = findings.failed().collect();
+    let mut table = TextTable::new(4, ["bench", "scene", "declared", "rule", "strategies"]);
+    // the strategies of a condition are together
+    let place = |outcome: &ConditionOutcome| (outcome.rig, outcome.scene.clone(), outcome.limits.clone());
+    for row in failed.chunk_by(|a, b| place(a) == place(b) && a.rule == b.rule) {
+        let has = |strategy: &Strategy| row.iter().any(|outcome| outcome.strategy == *strategy);
+        let names: Vec<&str> =
+            Strategy::ALL.iter().filter(|strategy| has(strategy)).map(|strategy| strategy.name()).collect();
+        let names = if names.len() == Strategy::ALL.len() { "all".to_owned() } else { names.join(", ") };
+        let (first, rule) = (row[0], row[0].rule.as_deref().unwrap_or_default());
+        table.row(cells![first.rig, first.scene, format!("{} N/mm", first.declared_n_mm), rule, names]);
+    }
+    if failed.is_empty() {
+        return String::new();
+    }
+    format!("FAILED without a press: {} of {} conditions\n{table}\n", failed.len(), findings.outcomes.len())
 }

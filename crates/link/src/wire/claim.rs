@@ -1,41 +1,45 @@
-//! Exclusive use of a real link. If two programs drove one stage, each program would move it during the other's press.
+//! Exclusive use of a real device. If two programs drove one stage, each program would move it during the other's press.
 //!
-//! The owner holds a lock on a file in the temporary folder. The system releases the lock when the owner ends for any reason. The
-//! file stays, because its removal would take the lock from a program that has just opened it.
+//! A claim is a lock of what a link opens ([`opened`]), in a file of the temporary folder ([`lock_file`]).
 
+use super::lock_file::{self, LockAttempt, LockFile};
+use super::opened::{ni_device, ni_devices, opened, started};
 use super::{Link, program};
-use palpate_core::quantity::hexadecimal;
-use sha2::{Digest, Sha256};
-use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, Read, Seek, Write};
-use std::net::IpAddr;
+use std::io;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
-/// Number of attempts to open a lock file that was removed or replaced, for example by a cleaner of temporary folders.
-const TRIES: usize = 10;
-
-/// Largest length of a process number, in bytes.
-const NUMBER_MOST: u64 = 10;
-
-/// Real links that a rig uses exclusively, until this value is dropped. It is dropped after the drivers, and waits until their
+/// Real devices that a rig uses exclusively, until this value is dropped. It is dropped after the drivers, and waits until their
 /// programs end. A device is free for others when no program holds it any more.
 #[derive(Debug, Default)]
 pub struct Claims {
-    claims: Vec<LinkClaim>,
+    claims: Vec<Claim>,
 }
 
 /// Reason why a link can't be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ClaimError {
-    /// Another program uses the link.
-    #[error("{link} is in use by another palpate{}: end it, or wait for it", of_process(*.process))]
+    /// Another program uses the device.
+    #[error("{link} is in use by another palpate{}: end it, or wait for it{advice}", of_process(*.process))]
     Held {
         /// Link in readable form.
         link: String,
-        /// Number of the process that uses the link, if known.
+        /// Number of the process that uses the device, if known.
         process: Option<u32>,
+        /// What else to do, if the lock may be of another device.
+        advice: &'static str,
     },
-    /// The owner of the link can't be determined.
+    /// Two roles of the rig name one serial port differently.
+    #[error(
+        "{link} and {other} are one port: if both roles are one device, write the same `link` for both; otherwise correct one"
+    )]
+    Twice {
+        /// Link in readable form.
+        link: String,
+        /// The other name of the port.
+        other: String,
+    },
+    /// The owner of the device can't be determined.
     #[error("can't check whether {link} is in use: can't open its lock file {}: {source}; set TMPDIR to use another folder", .path.display())]
     Lock {
         /// Link in readable form.
@@ -47,25 +51,38 @@ pub enum ClaimError {
     },
 }
 
-/// Claim of one link.
+/// What to do if a program drives another device than the other palpate's, though nothing in its command differs.
+const OF_PROGRAM: &str = "; if this program drives another device, state in its command what differs, such as the port";
+
+/// Claim of one device.
 #[derive(Debug)]
-struct LinkClaim {
-    identity: String,
-    /// Lock that ends with its owner for any reason.
-    _lock: File,
+struct Claim {
+    /// What is claimed, the same text for every name of the device.
+    opened: String,
+    /// Link in readable form.
+    link: String,
+    _lock: LockFile,
 }
 
 impl Claims {
-    /// Takes a link, if it is a real one. A link that is already taken for another role of the same rig stays taken. NI's devices
-    /// are taken by [`Claims::take_ni`].
+    /// Takes what a link opens, if that is a real device that only one program can use. A device that is already taken for another
+    /// role of the same rig stays taken. The program of a stage is taken by [`Claims::take_program`], NI's devices by
+    /// [`Claims::take_ni`].
     ///
     /// # Errors
-    /// Another program uses the link, or a lock file isn't possible.
+    /// Another program uses the device, the rig has another name for its serial port, or a lock file isn't possible.
     pub fn take(&mut self, link: &Link) -> Result<(), ClaimError> {
-        match identity(link) {
-            Some(identity) => self.take_in(&std::env::temp_dir(), identity, text(link)),
-            None => Ok(()),
-        }
+        self.take_link_in(&std::env::temp_dir(), link)
+    }
+
+    /// Takes the program of a stage: the same command drives the same stage.
+    ///
+    /// # Errors
+    /// Another palpate has started this program, or a lock file isn't possible.
+    pub fn take_program(&mut self, command: &[String]) -> Result<(), ClaimError> {
+        let opened = started(command, std::env::var_os("PATH").as_deref());
+        let link = Link::Process(command.to_owned()).to_string();
+        self.take_in(&std::env::temp_dir(), opened, link, OF_PROGRAM)
     }
 
     /// Takes the NI devices of some physical channels, such as `Dev1/ai0:8`.
@@ -74,20 +91,33 @@ impl Claims {
     /// Another program uses one of the devices, or a lock file isn't possible.
     pub fn take_ni(&mut self, physical: &str) -> Result<(), ClaimError> {
         for device in ni_devices(physical) {
-            self.take_in(&std::env::temp_dir(), format!("daqmx {}", device.to_lowercase()), format!("daqmx {device}"))?;
+            self.take_in(&std::env::temp_dir(), ni_device(device), format!("daqmx {device}"), "")?;
         }
         Ok(())
     }
 
-    fn take_in(&mut self, folder: &Path, identity: String, text: String) -> Result<(), ClaimError> {
-        if self.claims.iter().any(|claim| claim.identity == identity) {
+    fn take_link_in(&mut self, folder: &Path, link: &Link) -> Result<(), ClaimError> {
+        let Some(opened) = opened(link) else { return Ok(()) };
+        let text = text(link);
+        let same = self.claims.iter().find(|claim| claim.opened == opened && claim.link != text);
+        if let (Link::Serial { .. }, Some(same)) = (link, same) {
+            return Err(ClaimError::Twice { link: text, other: same.link.clone() });
+        }
+        self.take_in(folder, opened, text, "")
+    }
+
+    fn take_in(&mut self, folder: &Path, opened: String, link: String, advice: &'static str) -> Result<(), ClaimError> {
+        if self.claims.iter().any(|claim| claim.opened == opened) {
             return Ok(());
         }
-        let path = folder.join(format!("palpate-link-{}.lock", hexadecimal(&Sha256::digest(&identity))));
-        match lock(&path) {
-            Ok(LockAttempt::Taken(file)) => self.claims.push(LinkClaim { identity, _lock: file }),
-            Ok(LockAttempt::Held(process)) => return Err(ClaimError::Held { link: text, process }),
-            Err(source) => return Err(ClaimError::Lock { link: text, path, source }),
+        if self.claims.is_empty() {
+            lock_file::sweep(folder, SystemTime::now());
+        }
+        let path = LockFile::path(folder, &opened);
+        match LockFile::take(&path) {
+            Ok(LockAttempt::Taken(lock)) => self.claims.push(Claim { opened, link, _lock: lock }),
+            Ok(LockAttempt::Held(process)) => return Err(ClaimError::Held { link, process, advice }),
+            Err(source) => return Err(ClaimError::Lock { link, path, source }),
         }
         Ok(())
     }
@@ -97,48 +127,6 @@ impl Drop for Claims {
     fn drop(&mut self) {
         program::wait_for_ends();
     }
-}
-
-/// Returns a text that is the same for all names of one link. `None` if the link isn't real, or if programs don't compete for
-/// links of this kind.
-fn identity(link: &Link) -> Option<String> {
-    match link {
-        Link::Sim | Link::Emulated(_) | Link::Daqmx(_) => None,
-        Link::Serial { port, .. } => Some(format!("serial {}", serial_identity(port))),
-        Link::Tcp { host, port } => Some(format!("tcp {} {port}", host_identity(host))),
-        Link::Udp { host, port } => Some(format!("udp {} {port}", host_identity(host))),
-        // a script in this folder isn't the script of the same name in another one
-        Link::Process(command) => {
-            let words = command.iter().map(|word| real_path(word).unwrap_or_else(|| word.clone()));
-            Some(format!("process {:?}", words.collect::<Vec<_>>()))
-        }
-    }
-}
-
-/// An address may be written in several ways.
-fn host_identity(host: &str) -> String {
-    host.parse::<IpAddr>().map_or_else(|_| host.to_lowercase(), |address| address.to_string())
-}
-
-fn serial_identity(port: &str) -> String {
-    let path = real_path(port).unwrap_or_else(|| port.to_owned());
-    match path.strip_prefix("/dev/tty.") {
-        Some(name) if cfg!(target_os = "macos") => format!("/dev/cu.{name}"), // both have the same link
-        _ if cfg!(windows) => path.to_uppercase(),
-        _ => path,
-    }
-}
-
-/// Returns the file to which all links of a path lead.
-fn real_path(path: &str) -> Option<String> {
-    Some(fs::canonicalize(path).ok()?.to_string_lossy().into_owned())
-}
-
-fn ni_devices(physical: &str) -> impl Iterator<Item = &str> {
-    physical.split(',').map(|channel| {
-        let channel = channel.trim().trim_start_matches('/');
-        channel.split_once('/').map_or(channel, |(device, _)| device)
-    })
 }
 
 /// Text of a link for messages, without its speed. The speed doesn't affect who owns the link.
@@ -151,100 +139,10 @@ fn of_process(process: Option<u32>) -> String {
     process.map(|number| format!(" (process {number})")).unwrap_or_default()
 }
 
-/// Result of an attempt to lock.
-#[derive(Debug)]
-enum LockAttempt {
-    Taken(File),
-    /// Held by another process, with its process number.
-    Held(Option<u32>),
-}
-
-fn lock(path: &Path) -> io::Result<LockAttempt> {
-    for _ in 0..TRIES {
-        let Some(mut file) = open(path)? else { continue };
-        match file.try_lock() {
-            Ok(()) if is_at(&file, path)? => {
-                // only for other readers; a read-only file of another user is locked too
-                let _ = sign(&mut file);
-                return Ok(LockAttempt::Taken(file));
-            }
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Ok(LockAttempt::Held(signed(&mut file))),
-            Err(TryLockError::Error(error)) => return Err(error),
-        }
-    }
-    Err(io::Error::other("it is replaced repeatedly"))
-}
-
-/// Opens a lock file, or creates it. Returns `None` if another program created or removed it at the same time. Every user can
-/// write in temporary folders. So an existing file isn't opened in create mode, which Linux refuses for another user's file, and
-/// links aren't followed.
-fn open(path: &Path) -> io::Result<Option<File>> {
-    let opened = match fs::symlink_metadata(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => make(path),
-        Err(error) => Err(error),
-        Ok(found) if !found.is_file() => Err(io::Error::other("it isn't a regular file")),
-        Ok(_) => match OpenOptions::new().read(true).write(true).open(path) {
-            // made by another user who hasn't given access yet, or can't: enough for a lock
-            Err(error) if error.kind() == io::ErrorKind::PermissionDenied => File::open(path),
-            opened => opened,
-        },
-    };
-    match opened {
-        Ok(file) => Ok(Some(file)),
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(None),
-        Err(error) if error.kind() == io::ErrorKind::NotFound && path.parent().is_some_and(Path::is_dir) => Ok(None),
-        Err(error) => Err(error),
-    }
-}
-
-/// Creates a lock file that every user may open, for any default permissions of this user's files.
-fn make(path: &Path) -> io::Result<File> {
-    let file = OpenOptions::new().read(true).write(true).create_new(true).open(path)?;
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        file.set_permissions(fs::Permissions::from_mode(0o666))?;
-    }
-    Ok(file)
-}
-
-/// Checks that the opened file is the file at the path. It mustn't have been removed since, and mustn't be a link to another file
-/// or a hard link, because the program would write into that file.
-#[cfg(unix)]
-fn is_at(file: &File, path: &Path) -> io::Result<bool> {
-    use std::os::unix::fs::MetadataExt;
-    let opened = file.metadata()?;
-    if opened.nlink() > 1 {
-        return Err(io::Error::other("it is a hard link of another file"));
-    }
-    let is_it = |there: fs::Metadata| (there.dev(), there.ino()) == (opened.dev(), opened.ino());
-    Ok(fs::symlink_metadata(path).is_ok_and(is_it))
-}
-
-/// Returns `true`: on this system an open file can't be removed.
-#[cfg(not(unix))]
-fn is_at(_: &File, _: &Path) -> io::Result<bool> {
-    Ok(true)
-}
-
-fn sign(file: &mut File) -> io::Result<()> {
-    file.set_len(0)?;
-    file.rewind()?;
-    file.write_all(std::process::id().to_string().as_bytes())
-}
-
-/// Returns the number of the process that signed the file. `None` if no process has signed it yet, or if the locked file can't be
-/// read.
-fn signed(file: &mut File) -> Option<u32> {
-    let mut text = String::new();
-    file.take(NUMBER_MOST).read_to_string(&mut text).ok()?;
-    text.parse().ok()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs::{self, File};
 
     fn tcp(host: &str, port: u16) -> Link {
         Link::Tcp { host: host.to_owned(), port }
@@ -254,73 +152,99 @@ mod tests {
         Link::parse(&format!("serial://{port}?baud=9600")).unwrap()
     }
 
-    fn process(words: &[&str]) -> Link {
-        Link::Process(words.iter().map(|word| (*word).to_owned()).collect())
-    }
-
     fn taken(folder: &Path, link: &Link) -> Result<Claims, ClaimError> {
         let mut claims = Claims::default();
-        claims.take_in(folder, identity(link).unwrap(), text(link))?;
+        claims.take_link_in(folder, link)?;
         Ok(claims)
     }
 
+    /// Process in the message of a refusal. On Windows nobody can read a locked file.
+    fn us() -> String {
+        if cfg!(windows) { String::new() } else { of_process(Some(std::process::id())) }
+    }
+
     #[test]
-    fn a_link_has_one_owner_until_that_is_dropped() {
+    fn a_device_has_one_owner_until_that_is_dropped() {
         let folder = tempfile::tempdir().unwrap();
         let (link, other) = (serial("/dev/nothing0"), serial("/dev/nothing1"));
         for _ in 0..2 {
             let owner = taken(folder.path(), &link).unwrap();
             let text = taken(folder.path(), &link).unwrap_err().to_string();
-            // on Windows nobody can read a locked file
-            let process = if cfg!(windows) { String::new() } else { of_process(Some(std::process::id())) };
             let expected =
-                format!("serial:///dev/nothing0 is in use by another palpate{process}: end it, or wait for it");
+                format!("serial:///dev/nothing0 is in use by another palpate{}: end it, or wait for it", us());
             assert_eq!(text, expected);
             taken(folder.path(), &other).unwrap();
             drop(owner);
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "no file outlives its owner");
         }
     }
 
     #[test]
-    fn roles_of_one_rig_share_a_link() {
+    fn a_stage_program_has_one_owner_with_a_way_out() {
         let folder = tempfile::tempdir().unwrap();
-        let mut claims = taken(folder.path(), &tcp("xps", 5001)).unwrap();
-        for link in [tcp("XPS", 5001), tcp("xps", 5002)] {
-            claims.take_in(folder.path(), identity(&link).unwrap(), text(&link)).unwrap();
+        let take =
+            |claims: &mut Claims| claims.take_in(folder.path(), "program".into(), "process stage".into(), OF_PROGRAM);
+        let mut owner = Claims::default();
+        take(&mut owner).unwrap();
+        assert_eq!(
+            take(&mut Claims::default()).unwrap_err().to_string(),
+            format!(
+                "process stage is in use by another palpate{}: end it, or wait for it; if this program drives another device, \
+                 state in its command what differs, such as the port",
+                us()
+            )
+        );
+    }
+
+    #[test]
+    fn roles_of_one_rig_share_a_device() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut claims = taken(folder.path(), &tcp("localhost", 5001)).unwrap();
+        for link in [tcp("127.0.0.1", 5001), tcp("localhost", 5002)] {
+            claims.take_link_in(folder.path(), &link).unwrap();
         }
         assert_eq!(claims.claims.len(), 2);
-    }
-
-    #[test]
-    fn simulated_link_is_not_claimed() {
-        for link in [Link::Sim, Link::Daqmx(None)] {
-            assert_eq!(identity(&link), None);
-            Claims::default().take(&link).unwrap();
-        }
-    }
-
-    #[test]
-    fn link_is_the_same_in_every_notation() {
-        let same = |one: &Link, other: &Link| identity(one) == identity(other);
-        assert!(same(&tcp("Stage.Local", 1), &tcp("stage.local", 1)) && !same(&tcp("a", 1), &tcp("a", 2)));
-        assert!(same(&tcp("::1", 1), &tcp("0:0:0:0:0:0:0:1", 1)));
-        let udp = |host: &str| Link::Udp { host: host.to_owned(), port: 1 };
-        assert!(same(&udp("Cell"), &udp("cell")) && !same(&udp("cell"), &tcp("cell", 1)));
-        assert!(same(&serial("COM3"), &Link::parse("serial://COM3?baud=1200&parity=even").unwrap()));
-        assert!(!same(&process(&["a b"]), &process(&["a", "b"])));
-        assert_eq!(ni_devices("Dev1/ai0:3, /cDAQ1Mod2/ai1").collect::<Vec<_>>(), ["Dev1", "cDAQ1Mod2"]);
+        taken(folder.path(), &tcp("127.0.0.1", 5002)).unwrap_err();
     }
 
     #[cfg(unix)]
     #[test]
-    fn port_is_the_same_by_every_path() {
+    fn one_port_with_two_names_is_refused_in_one_rig_and_in_two() {
         let folder = tempfile::tempdir().unwrap();
-        let (device, by_id) = (folder.path().join("ttyUSB0"), folder.path().join("usb-stage"));
-        File::create(&device).unwrap();
-        std::os::unix::fs::symlink(&device, &by_id).unwrap();
-        let [device, by_id] = [device, by_id].map(|path| path.display().to_string());
-        assert_eq!(identity(&serial(&device)), identity(&serial(&by_id)));
-        assert_eq!(identity(&process(&["python3", &device])), identity(&process(&["python3", &by_id])));
+        let by_id = folder.path().join("usb-stage");
+        std::os::unix::fs::symlink("/dev/null", &by_id).unwrap();
+        let by_id = by_id.display().to_string();
+        let mut claims = taken(folder.path(), &serial("/dev/null")).unwrap();
+        claims.take_link_in(folder.path(), &serial("/dev/null")).unwrap();
+        assert_eq!(
+            claims.take_link_in(folder.path(), &serial(&by_id)).unwrap_err().to_string(),
+            format!(
+                "serial://{by_id} and serial:///dev/null are one port: if both roles are one device, write the same `link` for \
+                 both; otherwise correct one"
+            )
+        );
+        let text = taken(folder.path(), &serial(&by_id)).unwrap_err().to_string();
+        assert_eq!(text, format!("serial://{by_id} is in use by another palpate{}: end it, or wait for it", us()));
+    }
+
+    #[test]
+    fn what_programs_share_is_not_claimed() {
+        let folder = tempfile::tempdir().unwrap();
+        let thermometer = Link::Process(vec!["python3".to_owned(), "temperature.py".to_owned()]);
+        for link in [Link::Sim, Link::Daqmx(None), thermometer] {
+            taken(folder.path(), &link).unwrap();
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "{link}");
+        }
+    }
+
+    #[test]
+    fn files_of_earlier_versions_are_removed_after_a_day() {
+        let folder = tempfile::tempdir().unwrap();
+        let old = LockFile::path(folder.path(), "process python3 thermometer.py");
+        let day = std::time::Duration::from_secs(25 * 3600);
+        File::create(&old).unwrap().set_modified(SystemTime::now() - day).unwrap();
+        let _owner = taken(folder.path(), &tcp("stage", 1)).unwrap();
+        assert!(!old.exists());
     }
 
     #[test]
@@ -336,11 +260,13 @@ mod tests {
     fn lock_file_is_shared_by_all_users_and_nothing_else_is_written() {
         use std::os::unix::fs::{PermissionsExt, symlink};
         let folder = tempfile::tempdir().unwrap();
-        drop(taken(folder.path(), &tcp("stage", 1)).unwrap());
+        let owner = taken(folder.path(), &tcp("stage", 1)).unwrap();
         let path = fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
         assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o666);
+        drop(owner);
 
         // a read-only handle holds the lock as well
+        fs::write(&path, "").unwrap();
         let held = File::open(&path).unwrap();
         held.try_lock().unwrap();
         taken(folder.path(), &tcp("stage", 1)).unwrap_err();
@@ -360,18 +286,5 @@ mod tests {
             assert!(text.contains(why), "{text}");
             assert_eq!(fs::read_to_string(&precious).unwrap(), "precious");
         }
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn lock_of_a_removed_file_does_not_count() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("lock");
-        let opened = open(&path).unwrap().unwrap();
-        fs::remove_file(&path).unwrap();
-        assert!(!is_at(&opened, &path).unwrap());
-        File::create(&path).unwrap();
-        assert!(!is_at(&opened, &path).unwrap());
-        assert!(matches!(lock(&path).unwrap(), LockAttempt::Taken(_)));
     }
 }

@@ -27,16 +27,16 @@ pub struct OpenRig {
     pub stage_use: StageUse,
     /// What the scene of a simulated rig knows.
     pub truth: GroundTruth,
-    /// Real links, reserved for this program as long as the drivers exist.
+    /// Real devices, reserved for this program as long as the drivers exist.
     pub claims: Claims,
 }
 
 impl RigSpec {
     /// Connects the drivers to their links. In a simulated rig, this program's emulators are at the far ends, in a scene with
-    /// this seed. Real links are reserved for this program.
+    /// this seed. Real devices are reserved for this program.
     ///
     /// # Errors
-    /// Another program uses a real link, a device has no emulator for its simulated link, or NI's library is missing.
+    /// Another program uses a real device, a device has no emulator for its simulated link, or NI's library is missing.
     ///
     /// # Panics
     /// Outside a tokio runtime.
@@ -129,7 +129,8 @@ impl RigSpec {
         }
     }
 
-    /// Claims the real links exclusively for this program. Each link is claimed once, even if several roles share it.
+    /// Claims the real devices exclusively for this program. Each device is claimed once, even if several roles share it. A monitor
+    /// isn't claimed if several rigs can read it.
     fn claims(&self) -> Result<Claims, DeviceError> {
         let mut claims = Claims::default();
         let roles: [(&dyn Driver, &Link, String); 3] = [
@@ -137,7 +138,8 @@ impl RigSpec {
             (&*self.load_cell.driver, &self.load_cell.link, "load cell".to_owned()),
             (&*self.array.driver, &self.array.link, "array".to_owned()),
         ];
-        let monitors = self.monitors.iter().map(|monitor| {
+        let only_ours = |monitor: &&MonitorSpec| !monitor.array.driver.serves_several(&monitor.array.link);
+        let monitors = self.monitors.iter().filter(only_ours).map(|monitor| {
             let driver: &dyn Driver = &*monitor.array.driver;
             (driver, &monitor.array.link, monitor.role())
         });
@@ -186,4 +188,68 @@ fn dial(
         drop(spawn(emulator::serve_on(line, far, instrument.clone(), scene.clone(), origin)));
         near
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::parse;
+    use super::*;
+
+    const XPS: &str = include_str!("../../../../rigs/xps.toml");
+    const PROGRAMS: &str = include_str!("../../../../rigs/process.toml");
+
+    /// A host of this test process only, because its locks are those of the machine.
+    fn host(name: &str) -> String {
+        format!("{name}-of-{}", std::process::id())
+    }
+
+    /// Reads a rig with these parts changed.
+    fn rig(text: &str, changes: &[(&str, &str)], more: &str) -> RigSpec {
+        let text = changes.iter().fold(text.to_owned(), |text, (from, to)| {
+            assert!(text.contains(from), "no {from}");
+            text.replace(from, to)
+        });
+        let read = parse("rig.toml", &(text + more), &|_| Err(std::io::ErrorKind::NotFound.into()));
+        read.unwrap_or_else(|problems| panic!("{:?}", problems.lines()))
+    }
+
+    /// Returns an XPS rig of this name with one more section.
+    fn xps(name: &str, more: &str) -> RigSpec {
+        let (stage, array) = (host(&format!("{name}-stage")), host(&format!("{name}-array")));
+        rig(XPS, &[("192.168.0.254", &stage), ("192.168.1.10", &array)], more)
+    }
+
+    #[test]
+    fn two_rigs_read_one_thermometer_if_it_bears_it() {
+        let gateway = host("gateway");
+        for (driver, link, is_free) in [
+            ("process = [\"python3\", \"thermometer.py\"]", String::new(), true),
+            ("modbus = \"labjack-t7\"", format!("link = \"tcp://{gateway}:502\""), true),
+            ("lines = \"one-number\"", format!("link = \"tcp://{gateway}:503\""), false),
+        ] {
+            let more = format!("\n[[monitor]]\nname = \"t_c\"\ndriver = {{ {driver} }}\n{link}\n");
+            let _first = xps("first", &more).claims().unwrap();
+            let second = xps("second", &more).claims();
+            assert_eq!(second.is_ok(), is_free, "{driver}: {:?}", second.err());
+        }
+    }
+
+    #[test]
+    fn only_the_program_of_a_stage_is_claimed() {
+        let script = host("stage.py");
+        let other = host("other.py");
+        let with = |script: &str| rig(PROGRAMS, &[("examples/stage.py", script)], "");
+        let _first = with(&script).claims().unwrap();
+        let refused = with(&script).claims().unwrap_err().to_string();
+        let process = if cfg!(windows) { String::new() } else { format!(" (process {})", std::process::id()) };
+        assert_eq!(
+            refused,
+            format!(
+                "stage: while opening its link: process python3 {script} is in use by another palpate{process}: end it, or wait \
+                 for it; if this program drives another device, state in its command what differs, such as the port"
+            )
+        );
+        // cell and array of both rigs are the same commands
+        with(&other).claims().unwrap();
+    }
 }

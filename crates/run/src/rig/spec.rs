@@ -363,12 +363,18 @@ pub trait Driver: Any + Debug + Send + Sync {
         None
     }
 
-    /// Claims the driver's real link exclusively for this program.
+    /// Claims what the driver's real link opens exclusively for this program.
     ///
     /// # Errors
-    /// Returns an error if another program uses the link.
+    /// Returns an error if another program uses the device.
     fn claim(&self, link: &Link, claims: &mut Claims) -> Result<(), ClaimError> {
         claims.take(link)
+    }
+
+    /// Whether several programs can read the device through this link, so that it can be a monitor of several rigs.
+    fn serves_several(&self, link: &Link) -> bool {
+        let _ = link;
+        false
     }
 
     /// Whether a load cell and an array with this driver can be one device on one serial port.

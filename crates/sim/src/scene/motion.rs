@@ -89,9 +89,12 @@ impl Trajectory {
             stretches.push(self.rest());
         }
         let late = |at: At| At { began_s: at.began_s + lag_s, ..at };
-        stretches.extend(profile.stretches.iter().map(|s| Stretch { from: late(s.from), ..*s }));
         let end = late(profile.end);
-        Trajectory { stretches, end: if end.s() > splice.s() { end } else { splice }, end_mm: profile.end_mm }
+        if end.s() <= splice.s() {
+            return Trajectory { stretches, end: splice, end_mm: profile.end_mm }; // the profile has ended
+        }
+        stretches.extend(profile.stretches.iter().map(|s| Stretch { from: late(s.from), ..*s }));
+        Trajectory { stretches, end, end_mm: profile.end_mm }
     }
 
     /// Time at which the axis comes to rest, s.
@@ -301,6 +304,19 @@ mod tests {
             prop_assert_eq!(t.state(t.end_s()), (target, 0.0, 0.0));
             let stop = Trajectory::stop(0.0, (start, speed), 100.0);
             prop_assert!((stop.end_mm() - (start + speed * speed.abs() / 200.0)).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn lagging_stage_rests_where_its_profile_has_ended() {
+        let (lag_s, end_s) = (0.007, 3.0);
+        let mut profile = Trajectory::to(1.0, (0.0, 0.0), -3.0, 5.0, 100.0);
+        let mut real = Trajectory::at_rest(0.0).followed_by(&profile, 1.0, lag_s);
+        // another axis moves: this one gets what is left of its motion, which is its end
+        profile = profile.left(end_s);
+        real = real.followed_by(&profile, end_s, lag_s);
+        for ms in 0..=20 {
+            assert_eq!(real.state(end_s + f64::from(ms) * 1e-3), (-3.0, 0.0, 0.0), "{ms} ms");
         }
     }
 }

@@ -80,6 +80,11 @@ impl Driver for ModbusLoadCellSpec {
 }
 
 impl Driver for ModbusArraySpec {
+    /// A server of Modbus TCP answers each connection, and nothing is written to it.
+    fn serves_several(&self, link: &Link) -> bool {
+        matches!(link, Link::Tcp { .. })
+    }
+
     fn own_file(&self) -> Option<&OwnFile> {
         Some(&self.0.file)
     }

@@ -10,7 +10,7 @@ use palpate_document::{Bounds, Problem, Table, keys};
 use palpate_drivers::process::{ProcessArray, ProcessLoadCell, ProcessStage};
 use palpate_drivers::{AnyArray, AnyLoadCell, AnyStage};
 use palpate_link::device::DeviceError;
-use palpate_link::wire::Link;
+use palpate_link::wire::{ClaimError, Claims, Link};
 use palpate_sim::emulator;
 use palpate_sim::scene::Scene;
 use std::sync::Arc;
@@ -108,6 +108,14 @@ fn abilities(finishes: bool, late_s: f64) -> StageAbilities {
 impl Driver for UserStage {
     fn own_link(&self) -> Option<Link> {
         self.program.own_link()
+    }
+
+    fn claim(&self, link: &Link, claims: &mut Claims) -> Result<(), ClaimError> {
+        match link {
+            // two palpates with this command would move one stage; a cell or an array is only read
+            Link::Process(command) => claims.take_program(command),
+            _ => claims.take(link),
+        }
     }
 }
 
