@@ -1,7 +1,7 @@
 //! The rehearsal of a plan, in words.
 
 use super::summary::duration;
-use super::tables::filled;
+use super::tables::{NO_BREAK, filled};
 use crate::api::Failure;
 use palpate_control::SafetyRule;
 use palpate_core::quantity::round;
@@ -92,8 +92,8 @@ impl Rehearsed {
         match &rehearsal.early {
             None => {
                 let told = format!(
-                    "rehearsed {presses} of {all} presses on the simulated rig: works; a press takes some {} s, all together {}, {} of it \
-                     before the first press",
+                    "rehearsed {presses} of {all} presses on the simulated rig: works; a press takes some {}{NO_BREAK}s, all together {}, {} \
+                     of it before the first press",
                     round(rehearsal.press_s(), 2),
                     duration(rehearsal.total_s()),
                     duration(rehearsal.ready_s),

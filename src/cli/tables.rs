@@ -18,7 +18,7 @@ use std::fmt::Write as _;
 pub(super) const WIDTH: usize = 80;
 
 /// Blank at which [`filled`] doesn't break a line.
-const NO_BREAK: char = '\u{a0}';
+pub(super) const NO_BREAK: char = '\u{a0}';
 
 /// The results of any number of solvers on the same test, the paper's before them or not.
 pub(super) fn evaluation_table(evaluations: &[Evaluation], is_beside_paper: bool) -> String {
