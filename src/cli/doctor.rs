@@ -93,17 +93,15 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let weighed = found.weighed.as_ref().and_then(|weighed| weighed.as_ref().ok());
     let weighed = weighed.map(|weighed| concluded(&args.weight, weighed, &rig, place)).transpose()?;
     let advice = advice(&found, &spec);
-    let mut text = described(&found, &spec, &advice) + weighed.as_ref().map_or("", |weighed| weighed.text.as_str());
+    let rehearsed = rehearsed(&found, &rig).map_or_else(String::new, |text| format!("\n{}", filled(&text, "  ")));
+    let mut text =
+        described(&found, &spec, &advice) + &rehearsed + weighed.as_ref().map_or("", |weighed| weighed.text.as_str());
     let mut axes = None;
     if let Some(Ok(weighed)) = &found.weighed_axes {
         let (more, check) = concluded_axes(weighed, (place.0, invented))?;
         text += &more;
         axes = Some(check);
     }
-    let usable = found.devices.iter().all(|(_, device)| device.is_ok()) && matches!(found.no_load, Some(Ok(_)));
-    let [stage_s, load_cell_s, array_s] = &found.exchanges_s;
-    let rehearsed = usable.then(|| rehearsed_as_measured(&rig, [stage_s, load_cell_s, array_s])).flatten();
-    text += &rehearsed.as_ref().map_or_else(String::new, |rehearsed| format!("\n{}", filled(rehearsed, "  ")));
     args.output.print(&text, &json(&found, &advice, (weighed.as_ref().map(|weighed| &weighed.json), axes.as_ref())))?;
     let failed = found.devices.into_iter().find_map(|(_, device)| device.err());
     let axes_failed = found.weighed_axes.and_then(Result::err);
@@ -124,6 +122,13 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
             Ok(ExitCode::SUCCESS)
         }
     }
+}
+
+/// Rehearses some presses with the measured times; `None` if a device failed.
+fn rehearsed(found: &Examination, rig: &RigSpec) -> Option<String> {
+    let is_usable = found.devices.iter().all(|(_, device)| device.is_ok()) && matches!(found.no_load, Some(Ok(_)));
+    let [stage_s, load_cell_s, array_s] = &found.exchanges_s;
+    is_usable.then(|| rehearsed_as_measured(rig, [stage_s, load_cell_s, array_s])).flatten()
 }
 
 /// Checks stage and array of a rig without a load cell. Nothing moves: no force would show a contact.

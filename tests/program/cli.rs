@@ -52,7 +52,7 @@ fn check_states_what_ends_a_motion_of_another_host() {
         ("klipper", "emergency_stop would end it, and isn't sent without `z_holds_unpowered = true`"),
         ("marlin", "from 2.2 N on M410 ends it; 5 mm/s reaches some 3.7 N"),
         ("matrix", "from 2.2 N on a feed hold and a reset ends it; 10 mm/s reaches some 6.4 N"),
-        ("ur", "from 2.2 N on the dashboard's stop ends it; 20 mm/s reaches some 8.6 N"),
+        ("ur", "from 2.42 N on the dashboard's stop ends it; 20 mm/s reaches some 8.8 N"),
         ("process", "from 2.2 N on its stop ends it"),
     ] {
         let bench =

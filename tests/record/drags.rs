@@ -18,7 +18,7 @@ const ALLOWED: &str = "drag = { shear_n = 0.8, slide_mm = 1.0, stiffness_n_mm = 
 /// A rig that allows drags, with friction in its scene.
 fn rig(friction: &str) -> String {
     let rig = rig_with_three_axes();
-    let allowed = exchanged(&rig, "force_n = 2.0", &format!("{ALLOWED}\nforce_n = 2.0"));
+    let allowed = exchanged(&rig, "force_n = 2.0", &format!("{ALLOWED}\nstiffness_least_n_mm = 1.0\nforce_n = 3.0"));
     format!("{allowed}\n[scene.friction]\n{friction}\n")
 }
 
@@ -36,7 +36,7 @@ fn a_drag_is_recorded_with_its_forces_and_its_slips() {
     let folder = bench(RECIPE, &rig(STICKS));
     let checked = folder.palpate_ends(0, "check dragged.toml --rig rig.toml").out;
     assert!(
-        checked.contains("a drag of 0.4 mm ends with at most 0.606 of 0.8 N sideways,\n  1.230 of 2 N in all"),
+        checked.contains("a drag of 0.4 mm ends with at most 0.730 of 0.8 N sideways,\n  2.308 of 3 N in all"),
         "{checked}"
     );
     folder.palpate_ends(0, RUN);
@@ -68,7 +68,7 @@ fn a_drag_is_recorded_with_its_forces_and_its_slips() {
 
 #[test]
 fn a_drag_ends_at_its_force_sideways() {
-    let recipe = exchanged(RECIPE, "mm = 0.4,", "mm = 0.45, shear_n = 0.3, speed_mm_s = 0.3,");
+    let recipe = exchanged(RECIPE, "mm = 0.4,", "mm = 0.44, shear_n = 0.3, speed_mm_s = 0.3,");
     let folder = bench(&recipe, &rig(STICKS));
     folder.palpate_ends(0, RUN);
     let numbers = |column: &str| -> Vec<f64> {
@@ -105,7 +105,8 @@ fn a_drag_needs_three_axes_and_a_rig_that_allows_it() {
     assert!(refused(RECIPE, &one_axis).contains("the load cell has one axis"));
     assert!(refused(RECIPE, &rig_with_three_axes()).contains("the rig allows no drag"));
     let far = refused(&RECIPE.replace("mm = 0.4", "mm = 0.7"), &rig(STICKS));
-    assert!(far.contains("this drag of 0.7 mm can end with 1.061 N sideways, over the limit of 0.8"), "{far}");
+    assert!(far.contains("this drag of 0.7 mm can end with 1.185 N sideways, over the limit of 0.8"), "{far}");
+    assert!(far.contains("drag at most 0.44 mm; or press with at most 0.15 N"), "{far}");
     let by_depth = refused(&RECIPE.replace("force_n = 1.0", "depth_mm = 0.3"), &rig(STICKS));
     assert!(by_depth.contains("a drag needs a press by force"), "{by_depth}");
 }

@@ -87,7 +87,7 @@ pub fn rig_with_three_axes() -> String {
 pub fn rig_with_drags() -> String {
     let rig = rig_with_three_axes();
     let allowed = "drag = { shear_n = 0.9, slide_mm = 1.0, stiffness_n_mm = 1.2, friction = 1.2 }";
-    let rig = exchanged(&rig, "force_n = 2.0", &format!("{allowed}\nstiffness_least_n_mm = 1.0\nforce_n = 2.0"));
+    let rig = exchanged(&rig, "force_n = 2.0", &format!("{allowed}\nstiffness_least_n_mm = 1.0\nforce_n = 3.0"));
     let rig = exchanged(
         &rig,
         "grid = { rows = 3, columns = 3, pitch_mm = 4.5 }",

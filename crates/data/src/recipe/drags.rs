@@ -109,14 +109,14 @@ pub(super) fn check_drags(step: &Step, ground: &Ground, problems: &mut Vec<Probl
     };
     let text = format!(
         "this drag of {} mm can end with {} {unit}, over the limit of {limit}",
-        planned.way_mm,
+        round(planned.way_mm, 3),
         round(value, 3)
     );
     let [way, weaker] = planned.largest(ground, &most);
-    let way = way.map(|share| format!("drag at most {} mm", round(share * planned.way_mm, 2)));
+    let way = way.map(|share| format!("drag at most {} mm", floored(share * planned.way_mm)));
     let weaker = weaker.map(|share| match planned.most_n > 0.0 {
-        true => format!("press with at most {} N", round(share * planned.most_n, 2)),
-        false => format!("press at most {} mm deep", round(share * planned.most_mm, 3)),
+        true => format!("press with at most {} N", floored(share * planned.most_n)),
+        false => format!("press at most {} mm deep", floored(share * planned.most_mm)),
     });
     let undeclared = (planned.most_n > 0.0 && most.softest_n_mm.is_none()).then(|| {
         "add `stiffness_least_n_mm` to [limits] of the rig: a force then shows how deep the tip can be".to_owned()
@@ -124,4 +124,9 @@ pub(super) fn check_drags(step: &Step, ground: &Ground, problems: &mut Vec<Probl
     let ways: Vec<String> = undeclared.into_iter().chain(way).chain(weaker).collect();
     let help = if ways.is_empty() { "correct `limits` of the rig".to_owned() } else { ways.join("; or ") };
     complain(text, &help);
+}
+
+/// Rounds down to two digits after the decimal point, so that what is proposed passes.
+fn floored(value: f64) -> f64 {
+    (value * 100.0).floor() / 100.0
 }
