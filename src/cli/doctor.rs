@@ -317,6 +317,9 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
         Some(Err(trip)) if found.weighed.is_none() => advice.push(format!("load_cell: {trip}")),
         _ => {}
     }
+    advice.extend(
+        found.glitches.text().map(|text| format!("load_cell: {text}: check its cable, its supply and its ground")),
+    );
     let limit_n = spec.limits.force_n;
     match &found.no_load {
         Some(Err(trip)) => advice.push(format!("load_cell: {trip}")),

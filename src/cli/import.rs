@@ -8,6 +8,7 @@ use crate::api::LabelOptions;
 use crate::api::provenance::{now, session};
 use crate::api::recorded::{read_presses, warn_of_units};
 use crate::api::stdin;
+use palpate_control::Glitches;
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::{
     DatasetError, Durability, Fingerprint, Imported, Ledger as _, Mapping, Origins, Press, Presses, Record,
@@ -246,6 +247,7 @@ fn record(
         failure: None,
         cell_unchecked: false,
         cell_off: None,
+        glitches: Glitches::default(),
         series: None,
     })
 }

@@ -1,7 +1,7 @@
 //! A longer run takes no more memory, because its presses are only on the disk. Solving readings doesn't either.
 
 use crate::HEAP;
-use palpate_control::{LearnedContact, NoLoadReadings};
+use palpate_control::{Glitches, LearnedContact, NoLoadReadings};
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_data::dataset::answers::Answers;
 use palpate_data::dataset::readings::{ReadingFormat, Readings, StreamLines};
@@ -63,6 +63,7 @@ fn run_folder_keeps_positions_of_contacts_in_memory_not_contacts() {
             failure: None,
             cell_unchecked: false,
             cell_off: None,
+            glitches: Glitches::default(),
             series: None,
         })
         .unwrap();

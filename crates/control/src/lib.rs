@@ -10,6 +10,7 @@
 
 #![forbid(unsafe_code)]
 
+mod believed;
 mod budget;
 mod curve;
 mod drag;
@@ -32,6 +33,7 @@ mod trip;
 mod watch;
 mod zero;
 
+pub use believed::{Belief, Believed, Glitches, without_glitches};
 pub use budget::{Averaged, UncertaintyBudget};
 pub use drag::{Drag, DragContext, DragLimits, DragResponses, DragStart, DragWatch, PermittedDrag, check_direction};
 pub use learned_curve::{LearnedCurve, Sunk};

@@ -69,6 +69,9 @@ rules! {
     /// The cell or its transmitter reports overload or a fault.
     Unhealthy, "unhealthy", doubts_load_cell: true,
         "check that the load cell is within its range and its cable is undamaged";
+    /// Too many readings of the load cell are ones that the stage can't have caused.
+    Glitches, "glitches", doubts_load_cell: true,
+        "check the load cell's cable, its supply and its ground, and whether its converter is read while it converts";
     /// A reading isn't a number.
     NotFinite, "not-finite", doubts_load_cell: true,
         "check that the register map fits the transmitter";

@@ -116,7 +116,7 @@ fn the_arms_own_force_presses_within_its_error() {
     let text = shipped_text("rigs/ur.toml");
     let text = exchanged(&text, "driver = { modbus = \"generic-rs485\" }", "driver = { ur = \"own force\" }");
     let text = exchanged(&text, "serial:///dev/ttyUSB0?baud=115200", "tcp://192.168.1.20:30004");
-    let text = exchanged(&text, "force_n = 2.0", "force_n = 50.0");
+    let text = exchanged(&text, "force_n = 2.2", "force_n = 50.0");
     let text = exchanged(&text, "depth_mm = 1.6", "depth_mm = 6.0");
     let text = exchanged(&text, "stiffness_n_mm = 2.0", "stiffness_n_mm = 12.0");
     let text = exchanged(&text, "z = [-2.0, 20.0]", "z = [-7.0, 12.0]");

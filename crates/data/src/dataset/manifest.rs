@@ -2,7 +2,7 @@
 
 use super::session::is_false;
 use super::{DatasetError, Fingerprint, Loss, Provenance, Record, RunFacts, SessionEnd, Status, files};
-use palpate_control::Trip;
+use palpate_control::{Glitches, Trip};
 use palpate_core::quantity::Identity;
 use serde::{Deserialize, Serialize};
 use std::io;
@@ -52,6 +52,9 @@ pub struct Manifest {
     /// Whether the rig knows a weight for its load cell, and the load cell wasn't checked with it after the run.
     #[serde(default, skip_serializing_if = "is_false")]
     pub cell_unchecked: bool,
+    /// Readings of the load cell that were left out as impossible, in all sessions; absent if none were.
+    #[serde(default, skip_serializing_if = "Glitches::are_none")]
+    pub glitches: Glitches,
     /// Contradictions to the journal that a person accepted: lost presses, or another journal.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub losses: Vec<Loss>,
@@ -82,7 +85,8 @@ impl Manifest {
                 self.status = Status::Tripped;
                 self.trip = Some(trip.clone());
             }
-            Record::End(SessionEnd { status, ended, wall_s, failure, cell_unchecked, cell_off, .. }) => {
+            Record::End(SessionEnd { status, ended, wall_s, failure, cell_unchecked, cell_off, glitches, .. }) => {
+                self.glitches.add(glitches);
                 self.cell_unchecked = *cell_unchecked;
                 self.check_failed = self.check_failed.take().or_else(|| cell_off.clone());
                 self.status = *status;

@@ -2,7 +2,7 @@
 
 use super::{Fingerprint, RunColumns, SeriesMark};
 use crate::recipe::Plan;
-use palpate_control::Strategy;
+use palpate_control::{Glitches, Strategy};
 use palpate_core::quantity::shown;
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -284,6 +284,9 @@ pub struct SessionEnd {
     /// Error of the load cell that a weight showed after the run, in one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell_off: Option<String>,
+    /// Readings of the load cell that were left out; absent if none were.
+    #[serde(default, skip_serializing_if = "Glitches::are_none")]
+    pub glitches: Glitches,
     /// File of readings at the end; `None` if none are kept. The folder sets this field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub series: Option<SeriesMark>,

@@ -2,7 +2,7 @@
 
 use super::Halt;
 use super::motion::{watched, way_mm};
-use super::rig_control::{RigControl, WatchedLoadCell, side_mean};
+use super::rig_control::{OnDoubt, RigControl, WatchedLoadCell, side_mean};
 use palpate_control::{Drag, DragWatch, MotionProfile, PermittedDrag, Steer, mean_of};
 use palpate_core::quantity::{Axis, Place, seconds};
 use palpate_link::device::{LoadCell, MotionOrders, SensorArray, Stage};
@@ -48,6 +48,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             RefCell::new(DragWatch::new(granted.drag(), granted.shear_most_n(), side_sigma_n, stops_after_s));
         let broken = Cell::new(None);
         let (orders, due) = (MotionOrders::default(), Cell::new(Some(Instant::now() + expected)));
+        self.cell.moves(speed_mm_s, OnDoubt::Stop);
         let places_mm = {
             let stage = &mut self.stage;
             let motion = pin!(async {

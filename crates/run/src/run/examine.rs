@@ -10,7 +10,7 @@ use super::rig_control::AnyRigControl;
 use super::shown::{ShownBy, finger, press};
 use super::{Cancel, Halt};
 use crate::rig::RigSpec;
-use palpate_control::{Permit, Reaction, Trip, Zero};
+use palpate_control::{Glitches, Permit, Reaction, Trip, Zero};
 use palpate_core::quantity::{Axis, ForceReading};
 use palpate_data::dataset::MonitorValue;
 use palpate_drivers::lines::{ForceCounts, PAGE_PORT};
@@ -32,6 +32,8 @@ pub struct Examination {
     pub devices: Vec<(&'static str, Result<Identity, DeviceError>)>,
     /// Identity and value of each monitor, in the order of the rig.
     pub monitors: Vec<(Identity, MonitorValue)>,
+    /// Readings of the load cell that were left out as impossible.
+    pub glitches: Glitches,
     /// Values of the rig file that aren't the measured ones.
     pub findings: Vec<Finding>,
     /// Counts per N of the rig, and those that the page of its Net F/T states, or why they aren't known.
@@ -185,6 +187,7 @@ async fn look(
     }
     if answers[1] {
         let no_load = without_load(rig_control, answers[2]).await?;
+        found.glitches = rig_control.cell.glitches();
         found.no_load = Some(no_load.map(|(no_load, readings)| {
             found.findings.extend(Finding::of_rate(&readings, spec));
             no_load

@@ -13,8 +13,8 @@ use super::without_cell::execute_without_cell;
 use super::{Cancel, Halt, LargestForce, Remaining};
 use crate::rig::{OpenRig, RigSpec};
 use palpate_control::{
-    ContactMap, DragResponses, LearnedOutputs, MeasuredContact, NO_LOAD_READINGS, Permit, Reaction, SafetyRule,
-    SetPoint, Trip,
+    ContactMap, DragResponses, Glitches, LearnedOutputs, MeasuredContact, NO_LOAD_READINGS, Permit, Reaction,
+    SafetyRule, SetPoint, Trip,
 };
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{
@@ -63,6 +63,8 @@ pub struct Ending {
     pub t_s: f64,
     /// Load cell after the run; `None` if no weight was put on.
     pub cell: Option<CellAfter>,
+    /// Readings of the load cell that were left out as impossible.
+    pub glitches: Glitches,
 }
 
 /// Receiver of information about events.
@@ -161,6 +163,7 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
                 checks: Checking::default(),
             };
             ending.halt = runner.begin(past, devices, &zero).await.err();
+            ending.glitches = runner.rig_control.cell.glitches();
             // the stage was stopped before a trip was reported; a program that is killed while it parks has tripped all the same
             let peaks = runner.rig_control.press_truth().map(PressTruth::peaks);
             note_trip(runner.ledger, &ending, runner.pressing, peaks, clock.now_s());
@@ -205,7 +208,15 @@ impl Ending {
 
     /// Creates the ending of a run whose stage is parked without load.
     pub(super) fn parked() -> Self {
-        Ending { halt: None, unparked: None, remaining: Remaining::Nothing, largest: None, t_s: 0.0, cell: None }
+        Ending {
+            halt: None,
+            unparked: None,
+            remaining: Remaining::Nothing,
+            largest: None,
+            t_s: 0.0,
+            cell: None,
+            glitches: Glitches::default(),
+        }
     }
 
     /// Returns the status for the run's manifest.
@@ -222,7 +233,8 @@ impl Ending {
     pub fn end(&self, ended: String, wall_s: f64) -> SessionEnd {
         let (status, failure) = (self.status(), self.text());
         let cell_off = self.cell.as_ref().and_then(CellAfter::problem);
-        SessionEnd { status, t_s: self.t_s, ended, wall_s, failure, cell_unchecked: false, cell_off, series: None }
+        let (t_s, glitches) = (self.t_s, self.glitches);
+        SessionEnd { status, t_s, ended, wall_s, failure, cell_unchecked: false, cell_off, glitches, series: None }
     }
 
     /// Returns the problem in words; `None` if there was no problem or a person stopped the run.

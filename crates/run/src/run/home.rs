@@ -4,7 +4,7 @@
 use super::motion::watched;
 use super::no_load_outputs::NoLoadOutputs;
 use super::retraction::unless_it_rises;
-use super::rig_control::{AnyRigControl, RigControl, WatchedLoadCell};
+use super::rig_control::{AnyRigControl, OnDoubt, RigControl, WatchedLoadCell};
 use super::{Cancel, Halt};
 use crate::rig::{Home, HomeSide, OpenRig, RigSpec};
 use palpate_control::{MotionContext, Permit, Reaction, SafetyRule, Steer, Trip, Watch, Zero, safe_speed_mm_s};
@@ -287,6 +287,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let still = still?;
         self.unzeroed = outputs?;
         self.cell.watch = Watch::before_zero(&spec.limits, still, spec.air_n(), spec.stage.acceleration_mm_s2);
+        self.cell.believe(spec);
         Ok(())
     }
 
@@ -375,6 +376,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let RigControl { stage, cell, usage, array, unzeroed, .. } = self;
         let due = Cell::new(None); // its duration isn't known
         let (over, falls, speed_mm_s) = (Notify::new(), Cell::new(false), usage.home_speed_mm_s);
+        // x and y home at their own speed, away from everything
+        cell.moves(usage.speed_mm_s, OnDoubt::Continue);
         let motion = Box::pin(async {
             let moved = motion(stage, usage, &orders).await;
             over.notify_one();

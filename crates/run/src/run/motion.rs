@@ -3,7 +3,7 @@
 use super::Halt;
 use super::last_resort::unless_given_up;
 use super::retraction::then_notify;
-use super::rig_control::{OUTPUTS_ON_THE_WAY, RigControl, WatchedLoadCell};
+use super::rig_control::{OUTPUTS_ON_THE_WAY, OnDoubt, RigControl, WatchedLoadCell};
 use super::window::OutputMeans;
 use palpate_control::{ForceLoop, MotionProfile, Permit, Permitted, SafetyRule, Sideways, Steer, Trip};
 use palpate_core::quantity::{Axis, Place, Range, seconds};
@@ -23,6 +23,10 @@ const SIDEWAYS_READINGS: u32 = 2;
 
 /// Longest duration of a sideways motion that can't be stopped, s.
 const PIECE_S: f64 = 0.5;
+
+/// Number of times that one motion is stopped because readings are doubted. Then it goes on to its end, which is safe, and so many glitches end
+/// the run.
+const DOUBTS_MOST: u32 = 20;
 
 /// Part of its expected duration by which a motion may be late. A controller on a busy computer is.
 pub(super) const LATE_SHARE: f64 = 0.1;
@@ -75,15 +79,24 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         reads_outputs: bool,
     ) -> Result<(), Halt> {
         let (target_mm, from_mm) = (self.stage_z_mm(granted.z_mm()), self.stage_z_mm(self.z_mm));
-        let steer = |force_n, now_s| press.as_mut().map_or(Steer::On, |press| press.see(force_n, now_s));
-        let (targets, way_mm) = ([(Axis::Z, target_mm)], target_mm - from_mm);
-        let driven = self.drive(&targets, granted.speed_mm_s(), way_mm, reads_outputs, steer).await?;
-        if driven.stopped {
+        let is_toward = granted.z_mm() > self.z_mm;
+        for doubts in 0..=DOUBTS_MOST {
+            let steer = |force_n, now_s| press.as_mut().map_or(Steer::On, |press| press.see(force_n, now_s));
+            let (targets, way_mm) = ([(Axis::Z, target_mm)], target_mm - self.stage_z_mm(self.z_mm));
+            // a ramp has one speed from its beginning to its end
+            let on_doubt = if reads_outputs || doubts == DOUBTS_MOST { OnDoubt::Continue } else { OnDoubt::Stop };
+            let driven = self.drive(&targets, (granted.speed_mm_s(), on_doubt), way_mm, reads_outputs, steer).await?;
+            if !driven.stopped {
+                self.arrived_z(driven.places_mm.first().copied(), target_mm).await?;
+                break;
+            }
             // it comes to rest after its controller reports the end
             self.cell.settle().await?;
             self.watch_z().await?;
-        } else {
-            self.arrived_z(driven.places_mm.first().copied(), target_mm).await?;
+            // the press goes on from where it was stopped, the way out to its end
+            if is_toward || !self.cell.is_stopped_by_doubt() {
+                break;
+            }
         }
         let at_mm = self.stage_z_mm(self.z_mm);
         let way = Range { min: from_mm.min(target_mm), max: from_mm.max(target_mm) };
@@ -105,10 +118,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         first_mm: f64,
     ) -> Result<(), Halt> {
         if next == self.place || !self.usage.abilities.reports {
-            self.move_z(granted, None).await?;
-            self.cell.settle().await?;
-            self.begin_no_load();
-            return self.travel(next, permit, first_mm).await;
+            return self.leave_first(granted, next, permit, first_mm).await;
         }
         let (target_mm, frame) = (self.stage_z_mm(granted.z_mm()), self.frame);
         let there = frame.to_stage(next, granted.z_mm());
@@ -187,7 +197,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             }
             if clear.get() && mean_n.abs() >= touch_n { Steer::Stop } else { Steer::On }
         };
+        self.cell.moves(speed_mm_s.max(granted.speed_mm_s()), OnDoubt::Stop);
         let (places_mm, refused) = watched(&mut self.cell, pin!(motion), &orders, &due, steer).await?;
+        if self.cell.is_stopped_by_doubt() {
+            self.find_itself().await?;
+            let granted = permit.retract(self.z_mm, granted.z_mm().min(self.z_mm), granted.speed_mm_s())?;
+            return self.leave_first(granted, next, permit, first_mm).await;
+        }
         if let Some(trip) = refused {
             return Err(trip.into());
         }
@@ -196,6 +212,20 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         }
         self.arrived_at(next, sideways, &places_mm).await?;
         self.arrived_z(places_mm.last().copied(), target_mm).await
+    }
+
+    /// Leaves a contact, and then goes to the next place.
+    async fn leave_first(
+        &mut self,
+        granted: Permitted,
+        next: Place,
+        permit: &Permit,
+        first_mm: f64,
+    ) -> Result<(), Halt> {
+        self.move_z(granted, None).await?;
+        self.cell.settle().await?;
+        self.begin_no_load();
+        self.travel(next, permit, first_mm).await
     }
 
     /// Moves x and y from rest in the clear. A stage that can't be stopped moves in pieces, between which the force is read.
@@ -210,15 +240,24 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             let share = f64::from(piece) / pieces;
             let along = |from: f64, to: f64| if share < 1.0 { from + share * (to - from) } else { to };
             let end = Place::new(along(from.x_mm, place.x_mm), along(from.y_mm, place.y_mm));
-            self.travel_once(end, permit, first_mm).await?;
+            let mut doubts = 0;
+            while !self.travel_once(end, permit, first_mm, doubts < DOUBTS_MOST).await? {
+                doubts += 1;
+            }
         }
         Ok(())
     }
 
-    /// Moves x and y by one motion.
-    async fn travel_once(&mut self, place: Place, permit: &Permit, first_mm: f64) -> Result<(), Halt> {
+    /// Moves x and y by one motion. Returns `false` if it was stopped because readings were doubted.
+    async fn travel_once(
+        &mut self,
+        place: Place,
+        permit: &Permit,
+        first_mm: f64,
+        stops_on_doubt: bool,
+    ) -> Result<bool, Halt> {
         if place == self.place {
-            return Ok(());
+            return Ok(true);
         }
         self.cell.watch.pause();
         let force_n = self.cell.mean_n(SIDEWAYS_READINGS).await?;
@@ -228,7 +267,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let targets = SIDEWAYS.map(|axis| (axis, target.along(axis)));
         let touch_n = permit.detect_n();
         let steer = |force_n: f64, _| if force_n.abs() >= touch_n { Steer::Stop } else { Steer::On };
-        let driven = self.drive(&targets, self.usage.speed_mm_s, way_mm(self.place, place), false, steer).await?;
+        let on_doubt = if stops_on_doubt { OnDoubt::Stop } else { OnDoubt::Continue };
+        let speed = (self.usage.speed_mm_s, on_doubt);
+        let driven = self.drive(&targets, speed, way_mm(self.place, place), false, steer).await?;
+        if driven.stopped && self.cell.is_stopped_by_doubt() {
+            self.find_itself().await?;
+            return Ok(false);
+        }
         if driven.stopped {
             return Err(self.touched_on_the_way(touch_n));
         }
@@ -237,7 +282,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             self.cell.settle().await?;
             self.begin_no_load(); // what was read while x and y accelerated is no zero sideways
         }
-        Ok(())
+        Ok(true)
     }
 
     /// Moves z slowly away from the specimen to a position; every force is checked.
@@ -245,8 +290,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
         self.cell.watch.pause();
         let speed_mm_s = self.usage.home_speed_mm_s;
-        let driven =
-            self.drive(&[(Axis::Z, target_mm)], speed_mm_s, target_mm - from_mm, false, |_, _| Steer::On).await?;
+        let speed = (speed_mm_s, OnDoubt::Continue);
+        let driven = self.drive(&[(Axis::Z, target_mm)], speed, target_mm - from_mm, false, |_, _| Steer::On).await?;
         self.arrived_z(driven.places_mm.first().copied(), target_mm).await
     }
 
@@ -264,7 +309,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     async fn drive(
         &mut self,
         targets: &[(Axis, f64)],
-        speed_mm_s: f64,
+        (speed_mm_s, on_doubt): (f64, OnDoubt),
         way_mm: f64,
         reads_outputs: bool,
         mut steer: impl FnMut(f64, f64) -> Steer,
@@ -275,6 +320,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let begun = Cell::new(Instant::now());
         let (orders, due) = (MotionOrders::default(), Cell::new(Some(begun.get() + due_after)));
         let (ends, ways) = (Cell::new(None), self.ways_to(targets));
+        self.cell.moves(speed_mm_s, on_doubt);
         let stage = &mut self.stage;
         let motion = pin!(async {
             stage.begin(&ways, speed_mm_s, &orders).await?;
@@ -406,6 +452,7 @@ pub(super) async fn watched<C: LoadCell, T>(
                 given_up.notify_one();
             }
         }
+        watched_cell.rests();
         watched
     };
     let (moved, watched) = tokio::join!(motion, watch);
@@ -424,7 +471,7 @@ async fn watch_until<C: LoadCell>(
     while !ended.get() {
         let heard = {
             let silent_after = seconds(watched_cell.watch.zero().stale_s()) + watched_cell.cell.conversion();
-            let heard = watched_cell.force_n();
+            let heard = watched_cell.heard_n();
             tokio::pin!(heard);
             match timeout(silent_after, &mut heard).await {
                 Ok(heard) => heard,
@@ -434,8 +481,9 @@ async fn watch_until<C: LoadCell>(
                 }
             }
         };
-        let force_n = heard?;
-        match steer(watched_cell, force_n) {
+        let steered = heard?.map_or(Steer::On, |force_n| steer(watched_cell, force_n));
+        match steered {
+            Steer::On if watched_cell.is_stopped_by_doubt() => orders.stop(),
             Steer::On => {}
             Steer::Stop => orders.stop(),
             Steer::Speed(mm_s) => {

@@ -4,8 +4,11 @@ use super::no_load_outputs::NoLoadOutputs;
 use super::series::{RecordedDevice, SeriesRecorder};
 use super::window::OutputMeans;
 use super::{Cancel, Halt};
-use crate::rig::{AdjustedCell, ArraySpec, GroundTruth};
-use palpate_control::{Mean, NO_LOAD_READINGS, NoLoadReadings, SafetyRule, Timing, Trip, Watch, check_sound, mean_of};
+use crate::rig::{AdjustedCell, ArraySpec, GroundTruth, RigSpec};
+use palpate_control::{
+    Belief, Believed, Glitches, Mean, NO_LOAD_READINGS, NoLoadReadings, SafetyRule, Timing, Trip, Watch, check_sound,
+    mean_of, without_glitches,
+};
 use palpate_core::quantity::{ForceReading, Frame, Place};
 use palpate_data::dataset::{NoLoad, PressTruth};
 use palpate_drivers::{AnyArray, AnyStage};
@@ -96,6 +99,21 @@ pub(super) struct WatchedLoadCell<'a, C> {
     /// Whether the force rose beyond the limit after a stop, and the stage wasn't aborted yet.
     pub presses_on: bool,
     no_load: NoLoadForces,
+    /// Which readings are believed; `None` before the cell was read at rest.
+    pub believed: Option<Believed>,
+    /// Whether the stage moves, and whether it is stopped if two readings in a row are doubted.
+    motion: Option<OnDoubt>,
+    /// Whether the last motion was stopped because readings were doubted.
+    stopped_by_doubt: bool,
+}
+
+/// What becomes of a motion if two readings in a row are doubted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum OnDoubt {
+    /// It is stopped.
+    Stop,
+    /// It goes on, because it leads away.
+    Continue,
 }
 
 /// Newest readings of the cell without load, collected as they arrive.
@@ -124,7 +142,57 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             halted: None,
             presses_on: false,
             no_load,
+            believed: None,
+            motion: None,
+            stopped_by_doubt: false,
         }
+    }
+
+    /// Begins to decide which readings are believed, by the noise of the present watch.
+    pub(super) fn believe(&mut self, spec: &RigSpec) {
+        let jolt_n = Watch::rise_n(&spec.limits, spec.air_n(), spec.stage.acceleration_mm_s2);
+        let conversion_s = self.cell.conversion().as_secs_f64();
+        self.believed.get_or_insert_with(|| Believed::new(spec.limits.stiffness_n_mm, conversion_s, jolt_n));
+    }
+
+    /// Readings that were left out.
+    pub(super) fn glitches(&self) -> Glitches {
+        self.believed.as_ref().map_or_else(Glitches::default, Believed::glitches)
+    }
+
+    /// States that a motion begins.
+    pub(super) fn moves(&mut self, speed_mm_s: f64, on_doubt: OnDoubt) {
+        self.motion = Some(on_doubt);
+        self.stopped_by_doubt = false;
+        self.believed.iter_mut().for_each(|believed| believed.moves(speed_mm_s));
+    }
+
+    /// States that no motion is under way. The stage settles still.
+    pub(super) fn rests(&mut self) {
+        self.motion = None;
+    }
+
+    /// Whether the last motion was stopped because readings were doubted.
+    pub(super) fn is_stopped_by_doubt(&self) -> bool {
+        self.stopped_by_doubt
+    }
+
+    /// Returns the next reading; `None` if it is left out.
+    async fn next_reading(&mut self) -> Result<Option<ForceReading>, Halt> {
+        self.due().await?;
+        let reading = self.cell.read().await?;
+        let Some(believed) = &mut self.believed else { return Ok(Some(reading)) };
+        if self.motion.is_none() && Instant::now() > self.settled + self.cell.conversion() {
+            believed.moves(0.0);
+        }
+        Ok(match believed.take(&reading, self.watch.zero())? {
+            Belief::Believed(reading) => Some(reading),
+            Belief::LeftOut => None,
+            Belief::Doubted => {
+                self.stopped_by_doubt |= self.motion == Some(OnDoubt::Stop);
+                None
+            }
+        })
     }
 
     /// Waits until the cell's next conversion is due.
@@ -153,24 +221,37 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         let count = least.max((seconds / self.cell.conversion().as_secs_f64()) as usize);
         let mut readings = Vec::with_capacity(count);
         for _ in 0..count {
-            readings.push(self.sound_reading().await?);
+            self.due().await?;
+            readings.push(self.cell.read().await?);
         }
+        let (readings, left_out) = without_glitches(&readings);
+        self.believed.iter_mut().for_each(|believed| believed.count(count, left_out));
+        readings.iter().try_for_each(check_sound)?;
         Ok(readings)
     }
 
     /// Returns the next sound reading, which is no force yet.
     pub(super) async fn sound_reading(&mut self) -> Result<ForceReading, Halt> {
-        self.due().await?;
-        let reading = self.cell.read().await?;
-        check_sound(&reading)?;
-        Ok(reading)
+        loop {
+            if let Some(reading) = self.next_reading().await? {
+                check_sound(&reading)?;
+                return Ok(reading);
+            }
+        }
     }
 
     /// Returns the next force, N from the zero. Every reading passes the trip rules.
     pub(super) async fn force_n(&mut self) -> Result<f64, Halt> {
-        self.due().await?;
-        let reading = self.cell.read().await?;
-        Ok(self.watched(&reading)?)
+        loop {
+            if let Some(force_n) = self.heard_n().await? {
+                return Ok(force_n);
+            }
+        }
+    }
+
+    /// Returns the next force, N from the zero; `None` if the reading is left out.
+    pub(super) async fn heard_n(&mut self) -> Result<Option<f64>, Halt> {
+        Ok(self.next_reading().await?.map(|reading| self.watched(&reading)).transpose()?)
     }
 
     /// Returns a reading's force, N from the zero.
@@ -244,8 +325,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         }
         let least_s = self.watch.zero().mean_s(NO_LOAD_LEAST_S);
         while self.no_load.count() < NO_LOAD_READINGS || self.no_load.span_s() < least_s {
-            self.due().await?;
-            let reading = self.cell.read().await?;
+            let Some(reading) = self.next_reading().await? else { continue };
             let force_n = self.watch.no_load_n(&reading)?;
             self.take(&reading, force_n);
         }

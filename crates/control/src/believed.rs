@@ -1,0 +1,312 @@
+//! Readings that the stage can't have caused: one is left out, two in a row are doubted, and the median of seven decides.
+//!
+//! A converter that is read while it converts, or a line with a disturbance, gives single samples that are no force: minus one, full scale,
+//! a turned sign. They come before a cell breaks, and most cells have some.
+
+use super::trip::{SafetyRule, Trip};
+use super::watch::check_sound;
+use super::zero::Zero;
+use palpate_core::quantity::ForceReading;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::SQRT_2;
+
+/// Change of a force that is never doubted, N: the least force that counts as contact.
+const FLOOR_LEAST_N: f64 = 0.030;
+
+/// Change between two readings that noise doesn't explain, in sd of their difference.
+const NOISE_SIGMAS: f64 = 6.0 * SQRT_2;
+
+/// Fastest relaxation of a force at rest, as a fraction of it per second. The fastest branch of a soft elastomer that we know loses a sixth
+/// in the first second.
+const RELAXES_PER_S: f64 = 2.0;
+
+/// Time after which a reading says nothing about the next one any more, s: the zero may have drifted. What is older is stale.
+const FORGOTTEN_S: f64 = 1.0;
+
+/// Readings whose median decides, the doubted ones among them.
+const DECIDING: usize = 7;
+
+/// Largest fraction of readings that may be left out, and the number from which it is compared.
+const LEFT_OUT_MOST: f64 = 0.05;
+const COMPARED_FROM: u64 = 1000;
+
+/// Largest fraction of the readings of a zero that may be left out.
+const BATCH_MOST: f64 = 0.1;
+
+/// Ratio of a standard deviation to the median distance from the median, for a normal distribution.
+const SD_PER_MEDIAN: f64 = 1.4826;
+
+/// Readings that were left out, and all readings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Glitches {
+    /// Number of all readings.
+    pub readings: u64,
+    /// Number of those that were left out.
+    pub left_out: u64,
+    /// The largest one that was left out and is a number, N from the zero.
+    pub largest_n: f64,
+}
+
+impl Glitches {
+    /// Whether every reading was believed.
+    pub fn are_none(&self) -> bool {
+        self.left_out == 0
+    }
+
+    /// Adds those of another time.
+    pub fn add(&mut self, other: &Glitches) {
+        self.readings += other.readings;
+        self.left_out += other.left_out;
+        if other.largest_n.abs() > self.largest_n.abs() {
+            self.largest_n = other.largest_n;
+        }
+    }
+
+    /// Returns it in words; `None` if every reading was believed.
+    pub fn text(&self) -> Option<String> {
+        let Glitches { readings, left_out, largest_n } = self;
+        (!self.are_none()).then(|| {
+            format!("{left_out} of {readings} readings of the load cell were left out as impossible, the largest {largest_n:.3} N")
+        })
+    }
+}
+
+/// What becomes of a reading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Belief {
+    /// It counts, or what the doubted ones have shown counts.
+    Believed(ForceReading),
+    /// The stage can't have caused it: it is left out, and the next one shows whether it was wrong.
+    LeftOut,
+    /// The second one in a row: a motion toward contact is stopped.
+    Doubted,
+}
+
+/// Decides which readings are believed.
+#[derive(Clone, Debug)]
+pub struct Believed {
+    /// Largest stiffness that may be met, N/mm.
+    stiffness_n_mm: f64,
+    /// Time of a conversion, s: two readings may be a conversion farther apart than their answers.
+    conversion_s: f64,
+    /// Largest force of a tool that the stage accelerates, N.
+    jolt_n: f64,
+    /// Speed of the motion under way, mm/s; 0 at rest.
+    speed_mm_s: f64,
+    /// Last reading that was believed.
+    last: Option<ForceReading>,
+    /// Readings since the first one that is doubted.
+    doubted: Vec<ForceReading>,
+    glitches: Glitches,
+}
+
+impl Believed {
+    /// Creates the belief of a rig: its stiffness, N/mm, the time of a conversion, s, and the largest force of an accelerated tool, N.
+    pub fn new(stiffness_n_mm: f64, conversion_s: f64, jolt_n: f64) -> Believed {
+        let (last, doubted, glitches) = (None, Vec::new(), Glitches::default());
+        Believed { stiffness_n_mm, conversion_s, jolt_n, speed_mm_s: 0.0, last, doubted, glitches }
+    }
+
+    /// States the speed of the motion that begins, mm/s; 0 if the stage rests.
+    pub fn moves(&mut self, speed_mm_s: f64) {
+        self.speed_mm_s = speed_mm_s;
+    }
+
+    /// Counts the readings of a zero, and those of them that were left out.
+    pub fn count(&mut self, readings: usize, left_out: usize) {
+        self.glitches.readings += readings as u64;
+        self.glitches.left_out += left_out as u64;
+    }
+
+    /// Readings so far.
+    pub fn glitches(&self) -> Glitches {
+        self.glitches
+    }
+
+    /// Takes a reading.
+    ///
+    /// # Errors
+    /// Most of seven readings report a fault, or too many readings were left out.
+    pub fn take(&mut self, reading: &ForceReading, zero: &Zero) -> Result<Belief, Trip> {
+        self.glitches.readings += 1;
+        let is_possible = self.is_possible(reading, zero);
+        if self.doubted.is_empty() && is_possible {
+            return Ok(self.believe(*reading));
+        }
+        if self.doubted.len() == 1 && is_possible {
+            self.leave_out(zero)?;
+            return Ok(self.believe(*reading));
+        }
+        self.doubted.push(*reading);
+        match self.doubted.len() {
+            1 => Ok(Belief::LeftOut),
+            DECIDING.. => self.decide(zero),
+            _ => Ok(Belief::Doubted),
+        }
+    }
+
+    /// Whether the stage, the specimen or the noise can have caused the change since the last reading that was believed.
+    fn is_possible(&self, reading: &ForceReading, zero: &Zero) -> bool {
+        if check_sound(reading).is_err() {
+            return false;
+        }
+        let Some(last) = &self.last else { return true };
+        let apart_s = (reading.at_s - last.at_s).max(0.0);
+        if apart_s > FORGOTTEN_S {
+            return true;
+        }
+        let floor_n = FLOOR_LEAST_N.max(NOISE_SIGMAS * zero.sigma_n).max(zero.step_n);
+        let moved_n = match self.speed_mm_s > 0.0 {
+            true => self.jolt_n + self.stiffness_n_mm * self.speed_mm_s * (apart_s + self.conversion_s),
+            false => 0.0,
+        };
+        let relaxed_n = RELAXES_PER_S * (last.force_n - zero.offset_n).abs() * apart_s;
+        (reading.force_n - last.force_n).abs() <= floor_n + moved_n + relaxed_n
+    }
+
+    fn believe(&mut self, reading: ForceReading) -> Belief {
+        self.last = Some(reading);
+        self.doubted.clear();
+        Belief::Believed(reading)
+    }
+
+    /// Counts the doubted readings that stay impossible as left out.
+    fn leave_out(&mut self, zero: &Zero) -> Result<(), Trip> {
+        for reading in std::mem::take(&mut self.doubted) {
+            if self.is_possible(&reading, zero) {
+                continue;
+            }
+            self.glitches.left_out += 1;
+            let force_n = reading.force_n - zero.offset_n;
+            if force_n.abs() > self.glitches.largest_n.abs() {
+                self.glitches.largest_n = force_n;
+            }
+        }
+        let Glitches { readings, left_out, .. } = self.glitches;
+        let share = left_out as f64 / readings as f64;
+        if readings >= COMPARED_FROM && share > LEFT_OUT_MOST {
+            return Err(Trip::new(SafetyRule::Glitches, 100.0 * share, 100.0 * LEFT_OUT_MOST, "% of the readings"));
+        }
+        Ok(())
+    }
+
+    /// Takes the median of the doubted readings: either the force is where it was, or it has changed.
+    fn decide(&mut self, zero: &Zero) -> Result<Belief, Trip> {
+        let mut sound: Vec<ForceReading> =
+            self.doubted.iter().filter(|reading| check_sound(reading).is_ok()).copied().collect();
+        if let Some(unsound) = self.doubted.iter().rfind(|reading| check_sound(reading).is_err())
+            && 2 * sound.len() < self.doubted.len()
+        {
+            check_sound(unsound)?;
+        }
+        let at_s = self.doubted.last().map_or(0.0, |reading| reading.at_s);
+        sound.sort_by(|a, b| a.force_n.total_cmp(&b.force_n));
+        let median = ForceReading { at_s, ..sound[sound.len() / 2] };
+        if self.is_possible(&median, zero) {
+            self.leave_out(zero)?;
+        }
+        Ok(self.believe(median))
+    }
+}
+
+/// Returns the readings of a cell at rest without those that are far from the others, and the number left out. All are returned if too many
+/// are: then it is no glitch, and the caller's checks say what it is.
+pub fn without_glitches(readings: &[ForceReading]) -> (Vec<ForceReading>, usize) {
+    let mut sorted: Vec<f64> =
+        readings.iter().filter(|reading| check_sound(reading).is_ok()).map(|reading| reading.force_n).collect();
+    let middle = |sorted: &mut Vec<f64>| {
+        sorted.sort_by(f64::total_cmp);
+        sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+    };
+    let median_n = middle(&mut sorted);
+    let mut off: Vec<f64> = sorted.iter().map(|force_n| (force_n - median_n).abs()).collect();
+    let most_n = FLOOR_LEAST_N.max(NOISE_SIGMAS * SD_PER_MEDIAN * middle(&mut off));
+    let is_near =
+        |reading: &&ForceReading| check_sound(reading).is_ok() && (reading.force_n - median_n).abs() <= most_n;
+    let near: Vec<ForceReading> = readings.iter().filter(is_near).copied().collect();
+    let left_out = readings.len() - near.len();
+    if left_out as f64 <= BATCH_MOST * readings.len() as f64 { (near, left_out) } else { (readings.to_vec(), 0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_core::quantity::Health;
+
+    const ZERO: Zero = Zero { offset_n: 0.5, ..Zero::with_noise(0.003) };
+
+    fn reading(nth: usize, force_n: f64) -> ForceReading {
+        let health = Health { saturated: force_n > 20.0, fault: false };
+        ForceReading { at_s: 0.005 * nth as f64, force_n: force_n + 0.5, side_n: None, health }
+    }
+
+    /// What becomes of forces 5 ms apart at this speed: the forces that are believed, and the letters of the others.
+    fn taken(speed_mm_s: f64, forces: &[f64]) -> (Vec<String>, Glitches) {
+        let mut believed = Believed::new(2.0, 0.005, 0.0);
+        believed.moves(speed_mm_s);
+        let text = |(nth, force_n): (usize, &f64)| match believed.take(&reading(nth, *force_n), &ZERO) {
+            Ok(Belief::Believed(reading)) => format!("{:.2}", reading.force_n - 0.5),
+            Ok(Belief::LeftOut) => "-".to_owned(),
+            Ok(Belief::Doubted) => "?".to_owned(),
+            Err(trip) => trip.rule.name().to_owned(),
+        };
+        let texts = forces.iter().enumerate().map(text).collect();
+        (texts, believed.glitches())
+    }
+
+    #[test]
+    fn one_impossible_reading_is_left_out_and_counted() {
+        for wrong in [-0.5, 8.0, -1.0, 99.0, f64::NAN] {
+            let (texts, glitches) = taken(0.0, &[1.0, 1.0, wrong, 1.0, 1.0]);
+            assert_eq!(texts, ["1.00", "1.00", "-", "1.00", "1.00"], "{wrong}");
+            assert_eq!((glitches.readings, glitches.left_out), (5, 1));
+        }
+        assert_eq!(taken(0.0, &[1.0, 8.0, 1.0]).1.largest_n, 8.0);
+    }
+
+    #[test]
+    fn two_in_a_row_are_doubted_and_the_median_of_seven_decides() {
+        let (texts, glitches) = taken(0.0, &[1.0, 8.0, 8.0, 1.0, 1.0, 1.0, 1.0, 1.01, 1.0]);
+        assert_eq!(texts, ["1.00", "-", "?", "?", "?", "?", "?", "1.00", "1.00"]);
+        assert_eq!(glitches.left_out, 2);
+        // the force has changed
+        let (texts, glitches) = taken(0.0, &[1.0, 1.8, 1.8, 1.8, 1.8, 1.8, 1.8, 1.8, 1.8]);
+        assert_eq!(texts, ["1.00", "-", "?", "?", "?", "?", "?", "1.80", "1.80"]);
+        assert_eq!(glitches.left_out, 0);
+        // the cell reports a fault
+        let (texts, _) = taken(0.0, &[1.0, 99.0, 99.0, 99.0, 99.0, 1.0, 1.0, 99.0]);
+        assert_eq!(texts.last().map(String::as_str), Some("unhealthy"));
+    }
+
+    #[test]
+    fn what_the_stage_and_the_specimen_cause_is_believed() {
+        // 10 mm/s into 2 N/mm, 0.1 N each 5 ms; then relaxation of a sixth in a second
+        let rises: Vec<f64> = (0..20).map(|nth| 0.1 * f64::from(nth)).collect();
+        assert!(taken(10.0, &rises).0.iter().all(|text| !text.contains(['-', '?'])));
+        let relaxes: Vec<f64> = (0..200).map(|nth| 1.5 + 0.3 * (-f64::from(nth) * 0.005 / 0.3).exp()).collect();
+        assert!(taken(0.0, &relaxes).0.iter().all(|text| !text.contains(['-', '?'])));
+        assert!(taken(0.0, &rises).0.iter().any(|text| text == "?"), "the same rise at rest");
+    }
+
+    #[test]
+    fn too_many_end_the_run_and_fewer_do_not() {
+        let series =
+            |every: usize| -> Vec<f64> { (0..3000).map(|nth| if nth % every == 3 { 8.0 } else { 1.0 }).collect() };
+        assert!(taken(0.0, &series(25)).0.iter().all(|text| text != "glitches"), "4 %");
+        let (texts, glitches) = taken(0.0, &series(10));
+        assert!(texts.iter().any(|text| text == "glitches") && glitches.readings >= COMPARED_FROM, "10 %");
+    }
+
+    #[test]
+    fn readings_of_a_zero_are_counted_without_glitches() {
+        let noisy = |nth: usize| 0.003 * ((nth * 7919 % 13) as f64 - 6.0) / 4.0;
+        let with = |wrong: &[usize]| -> Vec<ForceReading> {
+            (0..100).map(|nth| reading(nth, if wrong.contains(&nth) { 8.0 } else { noisy(nth) })).collect()
+        };
+        let (kept, left_out) = without_glitches(&with(&[3, 40, 99]));
+        assert_eq!((kept.len(), left_out), (97, 3));
+        assert_eq!(without_glitches(&with(&[])).1, 0);
+        let many: Vec<usize> = (0..30).collect();
+        assert_eq!(without_glitches(&with(&many)).1, 0, "that is no glitch");
+    }
+}
