@@ -4,6 +4,7 @@
 mod asked_to_stop;
 mod bench_ills;
 mod drags;
+mod drifting_cell;
 mod false_alarms;
 mod false_trips;
 mod families;
@@ -12,6 +13,7 @@ mod finishing;
 mod first_descent;
 mod forgetting;
 mod gain;
+mod glitches;
 mod host;
 mod machine;
 mod printer;

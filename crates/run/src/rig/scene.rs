@@ -3,16 +3,16 @@
 use super::over_time::{read_creep, read_temperature, read_wear};
 use super::parse::read_tilt;
 use super::scene_keys::{
-    SIDEWAYS, contact, fault, friction, latency_ms, load_cell, mounting, relaxation, scene, spikes, stage, stiffness,
-    surface,
+    SIDEWAYS, contact, fault, friction, glitches, latency_ms, load_cell, mounting, relaxation, scene, spikes, stage,
+    stiffness, surface,
 };
 use super::skin::read_skin;
 use super::{KEYS, SIM_RIG, keys};
 use palpate_core::quantity::{Limits, Place, Range, Tilt};
 use palpate_document::{self as document, DefaultValue, Key, Problem, Problems, Table};
 use palpate_sim::scene::{
-    ContactLaw, FaultKind, Friction, Latencies, LoadCellScene, Mounting, RelaxationBranch, Relief, SceneFault,
-    SceneSpec, Servo, Sine, Spikes, Stiffness,
+    ContactLaw, FaultKind, Friction, GlitchKind, Glitches, Latencies, LoadCellScene, Mounting, RelaxationBranch,
+    Relief, SceneFault, SceneSpec, Servo, Sine, Spikes, Stiffness,
 };
 
 /// Largest stiffness that the paper's rig declares, N/mm.
@@ -160,6 +160,7 @@ fn read_load_cell(table: &Table) -> Option<LoadCellScene> {
     let waves = table.numbers([key::wander_n, key::wander_s, key::hum_n, key::hum_hz]);
     let others = table.numbers([key::gain_error_percent, key::transport_ms, key::tool_kg, key::crosstalk_percent]);
     let side_axes = table.word(&key::sideways, &SIDEWAYS);
+    let glitches = document::optional(table.table(&key::glitches), read_glitches);
     let [noise_n, noise_ahead_n, offset_n, drift_n_min] = noise?;
     let ([wander_n, wander_s, hum_n, hum_hz], [gain_error_percent, transport_ms, tool_kg, crosstalk_percent]) =
         (waves?, others?);
@@ -177,7 +178,16 @@ fn read_load_cell(table: &Table) -> Option<LoadCellScene> {
         tool_kg,
         crosstalk: crosstalk_percent / 100.0,
         side_axes: side_axes?,
+        glitches: glitches?,
     })
+}
+
+fn read_glitches(table: &Table) -> Option<Glitches> {
+    let kind = table.word(&glitches::kind, &GlitchKind::ALL);
+    let in_a_row = table.whole(&glitches::in_a_row);
+    let for_s = table.number(&glitches::for_s).unwrap_or(f64::INFINITY);
+    let [share, range_n, from_s] = table.numbers([glitches::share, glitches::range_n, glitches::from_s])?;
+    Some(Glitches { kind: kind?, share, in_a_row: u32::try_from(in_a_row?).ok()?, range_n, from_s, for_s })
 }
 
 fn read_latencies(table: Option<&Table>) -> Option<Latencies> {
@@ -244,6 +254,14 @@ mod tests {
         let scene = changed("elastomer", more).unwrap();
         assert_eq!(scene.stiffness, Some(Stiffness { smooth_percent: 6.0, white_percent: 0.5 }));
         assert_eq!(scene.stage, Some(Servo { lag_s: 0.007, quantum_mm: 0.0001, backlash_mm: 0.0 }));
+        let of = "glitches = { kind = \"minus-one\", share = 0.004";
+        let scene = changed("noise_n = 0.003", &format!("noise_n = 0.003, {of} }}")).unwrap();
+        let usual = Glitches::of(GlitchKind::MinusOne, 0.004);
+        assert_eq!(scene.load_cell, Some(LoadCellScene { glitches: Some(usual), ..cell }));
+        let burst = format!("noise_n = 0.003, {of}, in_a_row = 2, range_n = 50.0, from_s = 12.0, for_s = 1.0 }}");
+        let burst = changed("noise_n = 0.003", &burst).unwrap().load_cell.and_then(|cell| cell.glitches);
+        let expected = Glitches { in_a_row: 2, range_n: 50.0, from_s: 12.0, for_s: 1.0, ..usual };
+        assert_eq!(burst, Some(expected));
         let scene = changed("latency_ms = {", "latency_ms = { spikes = { share = 0.02, ms = 200.0 },").unwrap();
         assert_eq!(scene.latencies.stage_spikes, Some(Spikes { share: 0.02, longer_s: 0.2 }));
     }
@@ -272,6 +290,9 @@ mod tests {
             ("relaxation =", &surface("bumps_mm = 0.1, bumps_wavelength_mm = [0.0, 12.0]"), "bumps_wavelength_mm"),
             ("noise_n = 0.003", "low_pass_hz = 0.0", "low_pass_hz"),
             ("noise_n = 0.003", "transport_ms = -1.0", "transport_ms"),
+            ("noise_n = 0.003", "glitches = { kind = \"minus-one\", share = 1.5 }", "share"),
+            ("noise_n = 0.003", "glitches = { kind = \"minus\", share = 0.5 }", "minus-one"),
+            ("noise_n = 0.003", "glitches = { share = 0.5 }", "`kind` is missing"),
             ("elastomer", "stiffness = { smooth_percent = 60.0 }\nelastomer", "smooth_percent"),
             ("elastomer", "stage = { servo_ms = -1.0 }\nelastomer", "servo_ms"),
             ("elastomer", "stage = { lag_ms = 1.0 }\nelastomer", "lag_ms"),

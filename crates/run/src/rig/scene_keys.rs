@@ -3,7 +3,7 @@
 use super::keys::tilt_mm_per_mm;
 use palpate_core::mechanics::MOST_POISSON_RATIO;
 use palpate_document::{Bounds, keys, words};
-use palpate_sim::scene::{FaultKind, NoiseOf, SideAxes};
+use palpate_sim::scene::{FaultKind, GlitchKind, Glitches, NoiseOf, SideAxes};
 
 pub(super) const ROTATION: Bounds = Bounds::within(-180.0, 180.0, "degrees");
 const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
@@ -266,6 +266,20 @@ keys! {
         tool_kg: Number(within(0.0, 100.0, "kg")), or(0.0), "mass that hangs from it and moves with the stage", "0.2";
         crosstalk_percent: Number(within(-50.0, 50.0, "%")), or(0.0), "part of a force that each other of three axes reads too", "2.0";
         sideways: Word(&words(&SIDEWAYS)), or_word("as stated"), "how x and y of three axes differ from what the rig states", "\"swapped\"";
+        glitches: Table(&glitches::KEYS), Allowed, "corrupt samples, which no force caused; a sample is a conversion that is read";
+    }
+}
+
+keys! {
+    /// `glitches` of the load cell. The kinds are counts of 24 bits, as users of the HX711 report them.
+    glitches {
+        kind: Word(&words(&GlitchKind::ALL)), Refused, "what such a sample is: the count -1, 2^24 - 1 or 2^23 - 1, another sign bit, or low bits of 1",
+            "\"minus-one\"";
+        share: Number(within(0.0, 1.0, "")), Refused, "share of the samples", "0.004";
+        in_a_row: Whole(1, 1_000_000), or_whole(1), "successive samples of each event", "2";
+        range_n: Number(Bounds::above(0.0, 100_000.0, "N")), or(Glitches::USUAL_RANGE_N), "force of 2^23 counts; a device that sends counts has its own", "20.0";
+        from_s: Number(within(0.0, 1e9, "s")), or(0.0), "start of the events, from the opening of the rig", "12.0";
+        for_s: Number(within(0.0, 1e9, "s")), Allowed, "time in which events begin; without it, always", "1.0";
     }
 }
 

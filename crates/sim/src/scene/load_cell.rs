@@ -1,6 +1,7 @@
 //! Load cell reading of the true force.
 
 use super::faults::{FaultKind, SceneFaults};
+use super::glitches::{Glitch, GlitchState};
 use super::spec::{LoadCellScene, SideAxes};
 use super::temperature::Temperature;
 use palpate_core::quantity::RandomStream;
@@ -15,6 +16,15 @@ const STRETCH_S: f64 = 0.002;
 
 /// Number of time constants after which a low-pass has forgotten an event, to 2e-9.
 const MEMORY: f64 = 20.0;
+
+/// A conversion that was read.
+#[derive(Clone, Copy)]
+struct Sample {
+    conversion: u64,
+    /// Its reading without what happened to it, N.
+    sound_n: f64,
+    glitch: Option<Glitch>,
+}
 
 /// State of the load cell: the low-passed force at its conversions, the conversions that can't be read yet, and the noise. The
 /// noise is one draw for each conversion.
@@ -33,7 +43,8 @@ pub(super) struct LoadCellState {
     passed_n: f64,
     /// Conversion that is read now and the conversions after it: number and force, N. Never empty.
     held: VecDeque<(u64, f64)>,
-    read: Option<(u64, f64)>,
+    read: Option<Sample>,
+    glitches: Option<GlitchState>,
     /// Force sideways by friction now, and at the conversions that are held, N.
     side_n: [f64; 2],
     side_held: VecDeque<[f64; 2]>,
@@ -60,6 +71,7 @@ impl LoadCellState {
             passed_n: unloaded_n,
             held: VecDeque::from([(0, unloaded_n)]),
             read: None,
+            glitches: spec.and_then(|cell| cell.glitches).map(GlitchState::new),
             side_n: [0.0; 2],
             side_held: VecDeque::from([[0.0; 2]]),
             side: None,
@@ -84,6 +96,13 @@ impl LoadCellState {
         self.read = None;
         self.side = None;
         self.filtered = None;
+    }
+
+    /// Gives the corrupt samples their random stream of a press.
+    pub(super) fn begin_glitches(&mut self, seed: u64, press: u64) {
+        if let Some(glitches) = &mut self.glitches {
+            glitches.begin(seed, press);
+        }
     }
 
     /// Latest time at which the scene must stop on its way from `now_s` to `to_s`, s. The scene stops at every conversion that
@@ -132,18 +151,33 @@ impl LoadCellState {
 
     /// Returns the cell's reading at `now_s`, N; the scene must have advanced to that time.
     pub(super) fn read(&mut self, now_s: f64, faults: &SceneFaults) -> f64 {
+        let Sample { sound_n, glitch, .. } = self.sample(now_s, faults);
+        glitch.map_or(sound_n, |glitch| glitch.reading_n(sound_n))
+    }
+
+    /// Returns the count of a cell whose sound counts are those of `count_of` a force in N.
+    pub(super) fn count(&mut self, now_s: f64, faults: &SceneFaults, count_of: impl Fn(f64) -> f64) -> f64 {
+        let Sample { sound_n, glitch, .. } = self.sample(now_s, faults);
+        let sound = count_of(sound_n);
+        glitch.map_or(sound, |glitch| glitch.count(sound))
+    }
+
+    fn sample(&mut self, now_s: f64, faults: &SceneFaults) -> Sample {
         let (conversion, held_n) = self.held[0];
-        if let Some((last, read_n)) = self.read
-            && (last == conversion || faults.any(FaultKind::Stuck, now_s))
+        if let Some(read) = self.read
+            && (read.conversion == conversion || faults.any(FaultKind::Stuck, now_s))
         {
-            return read_n;
+            return read;
         }
-        let read_n = match faults.is_empty() {
+        let sound_n = match faults.is_empty() {
             true => self.sound(conversion, held_n),
             false => self.faulty(conversion, held_n, now_s, faults),
         };
-        self.read = Some((conversion, read_n));
-        read_n
+        let at_s = self.at_s(conversion);
+        let glitch = self.glitches.as_mut().and_then(|glitches| glitches.strike(at_s));
+        let sample = Sample { conversion, sound_n, glitch };
+        self.read = Some(sample);
+        sample
     }
 
     /// Takes the true force sideways by friction, N.

@@ -10,6 +10,7 @@ mod contact;
 mod creep;
 mod faults;
 mod friction;
+mod glitches;
 mod load_cell;
 mod monitored;
 mod motion;
@@ -24,6 +25,7 @@ mod weight;
 
 pub use faults::{FaultKind, SceneFault};
 pub use friction::Friction;
+pub use glitches::{GlitchKind, Glitches};
 pub use monitored::Monitored;
 pub use motion::Trajectory;
 pub use skin::{
@@ -199,6 +201,12 @@ impl Scene {
         self.load_cell.read(now_s, &self.faults)
     }
 
+    /// Returns the count that a load cell's converter reads at `now_s`, if `count_of` a force in N is its sound count.
+    pub fn load_cell_count(&mut self, now_s: f64, count_of: impl Fn(f64) -> f64) -> f64 {
+        self.advance(now_s);
+        self.load_cell.count(now_s, &self.faults, count_of)
+    }
+
     /// Returns the readings of a load cell with three axes at `now_s`, N: forces of the tip on the specimen along x and y of the
     /// specimen frame, and the force that [`load_cell_n`](Self::load_cell_n) reads.
     pub fn load_cell_axes_n(&mut self, now_s: f64) -> [f64; 3] {
@@ -313,6 +321,7 @@ impl Scene {
         self.latency = SceneDevice::ALL.map(|device| stream(self.seed, press, device.name()));
         let noise = ["load cell noise", "load cell noise sideways"].map(|name| stream(self.seed, press, name));
         self.load_cell.begin(noise, now_s);
+        self.load_cell.begin_glitches(self.seed, press);
         self.taxels.reseed(stream(self.seed, press, "taxel noise"));
     }
 

@@ -2,6 +2,7 @@
 
 use super::faults::SceneFault;
 use super::friction::Friction;
+use super::glitches::Glitches;
 use super::skin::SkinSpec;
 use super::temperature::Temperature;
 use palpate_core::quantity::{ArrayLayout, Frame, GRAVITY_M_S2, Place, Position, Tilt};
@@ -201,6 +202,8 @@ pub struct LoadCellScene {
     pub crosstalk: f64,
     /// How the axes x and y of a cell with three axes differ from what the rig states.
     pub side_axes: SideAxes,
+    /// Corrupt samples; `None`: no such samples.
+    pub glitches: Option<Glitches>,
 }
 
 /// Difference of the axes x and y from what the rig states.
@@ -238,6 +241,7 @@ impl LoadCellScene {
         tool_kg: 0.0,
         crosstalk: 0.0,
         side_axes: SideAxes::AsStated,
+        glitches: None,
     };
 }
 

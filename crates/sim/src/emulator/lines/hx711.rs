@@ -83,7 +83,8 @@ impl BoardFirmware for Hx711 {
 
     /// The reading of [`Hx711Sketch::Demo`] that becomes its tare is empty.
     fn read(&mut self, scene: &mut Scene, now_s: f64) -> Vec<f64> {
-        let counts = self.scale.number(scene.load_cell_n(now_s)).round().clamp(COUNTS_LEAST, COUNTS_MOST);
+        let sound = |force_n: f64| self.scale.number(force_n).round().clamp(COUNTS_LEAST, COUNTS_MOST);
+        let counts = scene.load_cell_count(now_s, sound);
         match (self.sketch, self.tare_counts) {
             (Hx711Sketch::Bare | Hx711Sketch::Basic, _) => vec![counts],
             (Hx711Sketch::Demo, Some(tare)) => vec![(counts - tare) * self.scale.newton_per_unit / NEWTONS_PER_POUND],
@@ -117,7 +118,8 @@ impl BoardFirmware for Hx711 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::emulator::tests::{pressed, scene};
+    use crate::emulator::tests::{pressed, scene, scene_with};
+    use crate::scene::{GlitchKind, Glitches, LoadCellScene};
 
     fn line(sketch: Hx711Sketch, force_n: f64) -> String {
         let mut firmware = Hx711::new(sketch, Hx711::FAST_HZ);
@@ -146,6 +148,22 @@ mod tests {
         {
             let mut firmware = Hx711::new(Hx711Sketch::Bare, 10.0).scaled(CellScale { newton_per_unit, offset });
             assert_eq!(firmware.read(&mut pressed(0.25), 1.0), [expected]);
+        }
+    }
+
+    #[test]
+    fn corrupt_samples_are_the_counts_of_the_chip() {
+        for (kind, expected) in [
+            (GlitchKind::MinusOne, "-1\r\n"),
+            (GlitchKind::AllOnes, "16777215\r\n"),
+            (GlitchKind::FullScale, "8388607\r\n"),
+            (GlitchKind::SignTurned, "-8304608\r\n"),
+        ] {
+            let glitches = Some(Glitches::of(kind, 1.0));
+            let cell = LoadCellScene { glitches, ..LoadCellScene::IDEAL };
+            let mut firmware = Hx711::new(Hx711Sketch::Bare, Hx711::FAST_HZ);
+            let reading = firmware.read(&mut scene_with(|spec| spec.load_cell = Some(cell)), 1.0);
+            assert_eq!(firmware.line(&reading), expected.as_bytes(), "{kind:?}");
         }
     }
 

@@ -98,3 +98,20 @@ fn a_surface_that_creeps_changes_the_force_of_a_stage_at_rest() {
     let force_n = scene.true_force_n(15.0);
     assert!((force_n - CONTACT.force_n(0.495)).abs() < 1e-6, "a quarter turn: the surface sank by 5 um: {force_n}");
 }
+
+#[test]
+fn a_corrupt_conversion_stays_corrupt_and_the_others_are_unchanged() {
+    let noisy = LoadCellScene { noise_n: 0.003, offset_n: 0.21, ..LoadCellScene::IDEAL };
+    let glitches = Some(Glitches::of(GlitchKind::MinusOne, 0.1));
+    let (mut sound, mut corrupt) = (without_load(noisy), without_load(LoadCellScene { glitches, ..noisy }));
+    let mut count = 0;
+    for i in 1..1000 {
+        let at_s = f64::from(i) * 0.005 + 1e-4;
+        let [sound_n, read_n] = [&mut sound, &mut corrupt].map(|scene| scene.load_cell_n(at_s));
+        assert_eq!(corrupt.load_cell_n(at_s + 0.004), read_n, "conversion {i}");
+        let is_corrupt = read_n.abs() < 0.01;
+        assert!(is_corrupt || read_n == sound_n, "conversion {i}: {read_n} N");
+        count += u32::from(is_corrupt);
+    }
+    assert!((70..130).contains(&count), "{count} of 999");
+}
