@@ -199,7 +199,6 @@ impl GlitchTask {
 }
 
 #[test]
-#[ignore = "red until a run can take corrupt samples"]
 fn a_few_corrupt_samples_change_no_run() {
     let tasks = of_kinds(&KINDS, &SHARES[..campaign::size(1, SHARES.len()).min(SHARES.len())], PRESSES);
     let ends = tried(&tasks);
@@ -208,7 +207,7 @@ fn a_few_corrupt_samples_change_no_run() {
 
 /// A conversion that begins while its bits are read sets only the low ones, so that the corrupt force may be one of the press.
 #[test]
-#[ignore = "red until a run can take corrupt samples"]
+#[ignore = "a corrupt sample of the size of a press can't be told from a force: no bar asks for it"]
 fn a_few_samples_with_wrong_low_bits_change_no_run() {
     let shares = &SHARES[..campaign::size(1, SHARES.len()).min(SHARES.len())];
     let tasks = of_kinds(&[GlitchKind::LowOnes], shares, PRESSES);
@@ -218,7 +217,6 @@ fn a_few_samples_with_wrong_low_bits_change_no_run() {
 
 /// The rule needs at least 1,000 readings, so the quick tier presses as often as the full one.
 #[test]
-#[ignore = "red until the rule `glitches` exists"]
 fn a_tenth_of_corrupt_samples_ends_the_run_by_its_rule() {
     let kinds = &KINDS[..campaign::size(1, KINDS.len()).min(KINDS.len())];
     let tasks = of_kinds(kinds, &[TOO_MANY], (PRESSES.1, PRESSES.1));
@@ -241,6 +239,11 @@ fn corrupt_samples_in_a_row_stay_within_the_limit() {
         }
     }
     let ends = tried(&tasks);
+    for (t, e) in tasks.iter().zip(&ends) {
+        if e.end != "-" {
+            println!("DBG {}", t.text(e));
+        }
+    }
     must_be_none(&too_hard(&tasks, &ends));
 }
 

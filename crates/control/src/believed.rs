@@ -6,7 +6,7 @@
 use super::trip::{SafetyRule, Trip};
 use super::watch::check_sound;
 use super::zero::Zero;
-use palpate_core::quantity::ForceReading;
+use palpate_core::quantity::{ForceReading, Health};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::SQRT_2;
 
@@ -20,18 +20,22 @@ const NOISE_SIGMAS: f64 = 6.0 * SQRT_2;
 /// in the first second.
 const RELAXES_PER_S: f64 = 2.0;
 
-/// Time after which a reading says nothing about the next one any more, s: the zero may have drifted. What is older is stale.
-const FORGOTTEN_S: f64 = 1.0;
-
 /// Readings whose median decides, the doubted ones among them.
 const DECIDING: usize = 7;
+
+/// Readings of these that are where the force was, from which it is still there: a force that has changed doesn't come back, and two glitches
+/// are followed by two more in one of a hundred cases.
+const RETURNED: usize = 2;
 
 /// Largest fraction of readings that may be left out, and the number from which it is compared.
 const LEFT_OUT_MOST: f64 = 0.05;
 const COMPARED_FROM: u64 = 1000;
 
-/// Largest fraction of the readings of a zero that may be left out.
+/// Largest fraction of the readings of a zero that may be left out, and a number that always may: of 20 readings with 2 % of glitches, five are
+/// some in one of a hundred thousand cases. And the largest fraction that is still called glitches: a force that changed shows more.
 const BATCH_MOST: f64 = 0.1;
+const BATCH_LEAST: usize = 4;
+const SOME_MOST: f64 = 0.35;
 
 /// Ratio of a standard deviation to the median distance from the median, for a normal distribution.
 const SD_PER_MEDIAN: f64 = 1.4826;
@@ -112,6 +116,12 @@ impl Believed {
         self.speed_mm_s = speed_mm_s;
     }
 
+    /// States the force of a cell at rest, N as it reads, at this time, s.
+    pub fn rests_at(&mut self, force_n: f64, at_s: f64) {
+        self.last = Some(ForceReading { at_s, force_n, side_n: None, health: Health::default() });
+        self.doubted.clear();
+    }
+
     /// Counts the readings of a zero, and those of them that were left out.
     pub fn count(&mut self, readings: usize, left_out: usize) {
         self.glitches.readings += readings as u64;
@@ -152,16 +162,16 @@ impl Believed {
         }
         let Some(last) = &self.last else { return true };
         let apart_s = (reading.at_s - last.at_s).max(0.0);
-        if apart_s > FORGOTTEN_S {
-            return true;
-        }
-        let floor_n = FLOOR_LEAST_N.max(NOISE_SIGMAS * zero.sigma_n).max(zero.step_n);
-        let moved_n = match self.speed_mm_s > 0.0 {
-            true => self.jolt_n + self.stiffness_n_mm * self.speed_mm_s * (apart_s + self.conversion_s),
-            false => 0.0,
+        let last_n = last.force_n - zero.offset_n;
+        let (jolt_n, moved_n) = match self.speed_mm_s > 0.0 {
+            true => (self.jolt_n, self.stiffness_n_mm * self.speed_mm_s * (apart_s + self.conversion_s)),
+            false => (0.0, 0.0),
         };
-        let relaxed_n = RELAXES_PER_S * (last.force_n - zero.offset_n).abs() * apart_s;
-        (reading.force_n - last.force_n).abs() <= floor_n + moved_n + relaxed_n
+        let still_n = floor_n(zero) + jolt_n + RELAXES_PER_S * last_n.abs() * apart_s;
+        let change_n = reading.force_n - last.force_n;
+        // a motion takes away no more than there is
+        let fell_n = moved_n.min(last_n.max(0.0));
+        (-still_n - fell_n..=still_n + moved_n).contains(&change_n)
     }
 
     fn believe(&mut self, reading: ForceReading) -> Belief {
@@ -190,8 +200,16 @@ impl Believed {
         Ok(())
     }
 
-    /// Takes the median of the doubted readings: either the force is where it was, or it has changed.
+    /// Decides by the doubted readings: either the force is where it was, or it has changed to their median.
     fn decide(&mut self, zero: &Zero) -> Result<Belief, Trip> {
+        let returned: Vec<ForceReading> =
+            self.doubted.iter().filter(|reading| self.is_possible(reading, zero)).copied().collect();
+        if let [.., last] = returned[..]
+            && returned.len() >= RETURNED
+        {
+            self.leave_out(zero)?;
+            return Ok(self.believe(last));
+        }
         let mut sound: Vec<ForceReading> =
             self.doubted.iter().filter(|reading| check_sound(reading).is_ok()).copied().collect();
         if let Some(unsound) = self.doubted.iter().rfind(|reading| check_sound(reading).is_err())
@@ -201,17 +219,21 @@ impl Believed {
         }
         let at_s = self.doubted.last().map_or(0.0, |reading| reading.at_s);
         sound.sort_by(|a, b| a.force_n.total_cmp(&b.force_n));
-        let median = ForceReading { at_s, ..sound[sound.len() / 2] };
-        if self.is_possible(&median, zero) {
-            self.leave_out(zero)?;
-        }
-        Ok(self.believe(median))
+        Ok(self.believe(ForceReading { at_s, ..sound[sound.len() / 2] }))
     }
 }
 
-/// Returns the readings of a cell at rest without those that are far from the others, and the number left out. All are returned if too many
-/// are: then it is no glitch, and the caller's checks say what it is.
-pub fn without_glitches(readings: &[ForceReading]) -> (Vec<ForceReading>, usize) {
+/// Change of a force that is never doubted, N.
+fn floor_n(zero: &Zero) -> f64 {
+    FLOOR_LEAST_N.max(NOISE_SIGMAS * zero.sigma_n).max(zero.step_n)
+}
+
+/// Returns the readings of a cell at rest without those that are far from the others, and the number left out. All are returned if there are
+/// no others: then it is no glitch, and the caller's checks say what it is.
+///
+/// # Errors
+/// Too many are left out.
+pub fn without_glitches(readings: &[ForceReading]) -> Result<(Vec<ForceReading>, usize), Trip> {
     let mut sorted: Vec<f64> =
         readings.iter().filter(|reading| check_sound(reading).is_ok()).map(|reading| reading.force_n).collect();
     let middle = |sorted: &mut Vec<f64>| {
@@ -225,13 +247,19 @@ pub fn without_glitches(readings: &[ForceReading]) -> (Vec<ForceReading>, usize)
         |reading: &&ForceReading| check_sound(reading).is_ok() && (reading.force_n - median_n).abs() <= most_n;
     let near: Vec<ForceReading> = readings.iter().filter(is_near).copied().collect();
     let left_out = readings.len() - near.len();
-    if left_out as f64 <= BATCH_MOST * readings.len() as f64 { (near, left_out) } else { (readings.to_vec(), 0) }
+    let share = left_out as f64 / readings.len().max(1) as f64;
+    if left_out <= BATCH_LEAST || share <= BATCH_MOST {
+        return Ok((near, left_out));
+    }
+    match share <= SOME_MOST {
+        true => Err(Trip::new(SafetyRule::Glitches, 100.0 * share, 100.0 * BATCH_MOST, "% of the readings")),
+        false => Ok((readings.to_vec(), 0)),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use palpate_core::quantity::Health;
 
     const ZERO: Zero = Zero { offset_n: 0.5, ..Zero::with_noise(0.003) };
 
@@ -267,14 +295,15 @@ mod tests {
     #[test]
     fn two_in_a_row_are_doubted_and_the_median_of_seven_decides() {
         let (texts, glitches) = taken(0.0, &[1.0, 8.0, 8.0, 1.0, 1.0, 1.0, 1.0, 1.01, 1.0]);
-        assert_eq!(texts, ["1.00", "-", "?", "?", "?", "?", "?", "1.00", "1.00"]);
+        assert_eq!(texts, ["1.00", "-", "?", "?", "?", "?", "?", "1.01", "1.00"]);
         assert_eq!(glitches.left_out, 2);
+        assert_eq!(taken(0.0, &[1.0, 8.0, 8.0, 1.0, 8.0, 8.0, 1.0, 1.0]).0.last().map(String::as_str), Some("1.00"));
         // the force has changed
         let (texts, glitches) = taken(0.0, &[1.0, 1.8, 1.8, 1.8, 1.8, 1.8, 1.8, 1.8, 1.8]);
         assert_eq!(texts, ["1.00", "-", "?", "?", "?", "?", "?", "1.80", "1.80"]);
         assert_eq!(glitches.left_out, 0);
         // the cell reports a fault
-        let (texts, _) = taken(0.0, &[1.0, 99.0, 99.0, 99.0, 99.0, 1.0, 1.0, 99.0]);
+        let (texts, _) = taken(0.0, &[1.0, 99.0, 99.0, 99.0, 99.0, 1.0, 99.0, 99.0]);
         assert_eq!(texts.last().map(String::as_str), Some("unhealthy"));
     }
 
@@ -286,6 +315,19 @@ mod tests {
         let relaxes: Vec<f64> = (0..200).map(|nth| 1.5 + 0.3 * (-f64::from(nth) * 0.005 / 0.3).exp()).collect();
         assert!(taken(0.0, &relaxes).0.iter().all(|text| !text.contains(['-', '?'])));
         assert!(taken(0.0, &rises).0.iter().any(|text| text == "?"), "the same rise at rest");
+        assert_eq!(taken(10.0, &[0.0, -0.05, 0.0]).0, ["0.00", "-", "0.00"], "no motion pulls");
+    }
+
+    #[test]
+    fn after_a_pause_the_median_shows_where_the_force_has_gone() {
+        let mut believed = Believed::new(2.0, 0.005, 0.0);
+        believed.rests_at(0.5, 0.0);
+        let at = |nth: usize, force_n: f64| ForceReading { at_s: 10.0 + 0.005 * nth as f64, ..reading(0, force_n) };
+        let mut last = Belief::LeftOut;
+        for (nth, force_n) in [9.0, 9.0, 0.2, 0.2, 0.2, 0.2, 0.2].into_iter().enumerate() {
+            last = believed.take(&at(nth, force_n), &ZERO).unwrap();
+        }
+        assert_eq!(last, Belief::Believed(at(6, 0.2)));
     }
 
     #[test]
@@ -303,10 +345,11 @@ mod tests {
         let with = |wrong: &[usize]| -> Vec<ForceReading> {
             (0..100).map(|nth| reading(nth, if wrong.contains(&nth) { 8.0 } else { noisy(nth) })).collect()
         };
-        let (kept, left_out) = without_glitches(&with(&[3, 40, 99]));
+        let (kept, left_out) = without_glitches(&with(&[3, 40, 99])).unwrap();
         assert_eq!((kept.len(), left_out), (97, 3));
-        assert_eq!(without_glitches(&with(&[])).1, 0);
-        let many: Vec<usize> = (0..30).collect();
-        assert_eq!(without_glitches(&with(&many)).1, 0, "that is no glitch");
+        assert_eq!(without_glitches(&with(&[])).unwrap().1, 0);
+        let many = |count: usize| with(&(0..count).collect::<Vec<_>>());
+        assert_eq!(without_glitches(&many(20)).unwrap_err().rule, SafetyRule::Glitches);
+        assert_eq!(without_glitches(&many(40)).unwrap().1, 0, "the force has changed");
     }
 }

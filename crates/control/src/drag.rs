@@ -379,7 +379,7 @@ mod tests {
     fn a_force_shows_how_deep_the_tip_can_be() {
         let declared = |softest_n_mm| DragLimits { friction: 0.4, softest_n_mm, ..MOST };
         let is_permitted =
-            |context: DragContext, softest| permit(Some(declared(softest))).drag(&context, &along_x(0.5)).is_ok();
+            |context: DragContext, softest| permit(Some(declared(softest))).drag(&context, &along_x(0.4)).is_ok();
         let pressed = DragContext { force_n: 0.5, peak_n: 0.5, depth_mm: 1.2, ..AT_1_N };
         assert!(!is_permitted(pressed, None), "1.2 mm on a fresh spot are 2.4 N");
         assert!(is_permitted(pressed, Some(0.6)), "0.5 N are at most 0.83 mm, or 1.67 N");

@@ -65,8 +65,13 @@ impl Watch {
 
     /// Largest rise of the force without contact while a stage moves, N.
     pub fn rise_n(limits: &Limits, air_n: Range, acceleration_mm_s2: f64) -> f64 {
+        RISE_SHARE * limits.force_n + Watch::jolt_n(air_n, acceleration_mm_s2)
+    }
+
+    /// Largest force of a tool that a stage accelerates, N: its weight is at most what the cell may read without load.
+    pub fn jolt_n(air_n: Range, acceleration_mm_s2: f64) -> f64 {
         let tool_kg = air_n.min.abs().max(air_n.max.abs()) / GRAVITY_M_S2;
-        RISE_SHARE * limits.force_n + JOLT * tool_kg * acceleration_mm_s2 / 1000.0
+        JOLT * tool_kg * acceleration_mm_s2 / 1000.0
     }
 
     fn of(limits: &Limits, zero: Zero, within_n: Range, rules: [SafetyRule; 2], rise_most_n: f64) -> Self {

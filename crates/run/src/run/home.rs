@@ -284,10 +284,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let outputs =
             async { if *array_answers { NoLoadOutputs::read(array, &spec.array).await.map(Some) } else { Ok(None) } };
         let (still, outputs) = tokio::join!(at_rest(cell), outputs);
-        let still = still?;
+        let (still, at_s) = still?;
         self.unzeroed = outputs?;
         self.cell.watch = Watch::before_zero(&spec.limits, still, spec.air_n(), spec.stage.acceleration_mm_s2);
-        self.cell.believe(spec);
+        self.cell.believe(spec, at_s);
         Ok(())
     }
 
@@ -449,7 +449,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             self.retract_slowly(top_mm).await?;
         }
         self.confirm_back(spec).await?;
-        let (here, taken) = (at_rest(&mut self.cell).await?, Instant::now());
+        let (here, taken) = (at_rest(&mut self.cell).await?.0, Instant::now());
         let permit = Permit::new(spec.limits, self.usage.bounds(), reaction.worst_s(), &here);
         let (from_mm, way_mm, speed_mm_s) = (self.z_mm, permit.sounding_mm(), self.usage.home_speed_mm_s);
         let toward = |from_mm, to_mm| {
@@ -472,7 +472,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         self.cell.watch.pause();
         self.move_z(there, None).await?;
         self.cell.settle().await?;
-        let there = at_rest(&mut self.cell).await?;
+        let (there, _) = at_rest(&mut self.cell).await?;
         let sigma_n = here.offset_sigma_n.hypot(there.offset_sigma_n);
         permit.nothing_in_contact(there.offset_n - here.offset_n, sigma_n, taken.elapsed().as_secs_f64())?;
         let back = match is_farther {
@@ -491,8 +491,9 @@ async fn until_stopped(orders: &MotionOrders) {
     }
 }
 
-/// Returns the cell's reading while the stage is at rest.
-async fn at_rest<C: LoadCell>(watched_cell: &mut WatchedLoadCell<'_, C>) -> Result<Zero, Halt> {
+/// Returns the cell's reading while the stage is at rest, and its time, s.
+async fn at_rest<C: LoadCell>(watched_cell: &mut WatchedLoadCell<'_, C>) -> Result<(Zero, f64), Halt> {
     let readings = watched_cell.sound_readings(STILL_READINGS, STILL_S).await?;
-    Ok(Zero::of(&readings, watched_cell.cell.conversion().as_secs_f64()))
+    let at_s = readings.last().map_or(0.0, |reading| reading.at_s);
+    Ok((Zero::of(&readings, watched_cell.cell.conversion().as_secs_f64()), at_s))
 }

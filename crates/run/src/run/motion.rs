@@ -24,6 +24,9 @@ const SIDEWAYS_READINGS: u32 = 2;
 /// Longest duration of a sideways motion that can't be stopped, s.
 const PIECE_S: f64 = 0.5;
 
+/// Distance of a target from the end of z's travel at which a way out leads to this end, mm.
+const TO_END_MM: f64 = 0.1;
+
 /// Number of times that one motion is stopped because readings are doubted. Then it goes on to its end, which is safe, and so many glitches end
 /// the run.
 const DOUBTS_MOST: u32 = 20;
@@ -80,11 +83,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     ) -> Result<(), Halt> {
         let (target_mm, from_mm) = (self.stage_z_mm(granted.z_mm()), self.stage_z_mm(self.z_mm));
         let is_toward = granted.z_mm() > self.z_mm;
+        // a ramp has one speed from its beginning to its end; outside a press nothing is near; from a stop near the end of the travel a rounding leads beyond it
+        let Range { min, max } = self.usage.travel.along(Axis::Z);
+        let is_to_end = (target_mm - min).min(max - target_mm) < TO_END_MM;
+        let goes_on = reads_outputs || press.is_none() || (is_to_end && !is_toward);
         for doubts in 0..=DOUBTS_MOST {
             let steer = |force_n, now_s| press.as_mut().map_or(Steer::On, |press| press.see(force_n, now_s));
             let (targets, way_mm) = ([(Axis::Z, target_mm)], target_mm - self.stage_z_mm(self.z_mm));
-            // a ramp has one speed from its beginning to its end
-            let on_doubt = if reads_outputs || doubts == DOUBTS_MOST { OnDoubt::Continue } else { OnDoubt::Stop };
+            let on_doubt = if goes_on || doubts == DOUBTS_MOST { OnDoubt::Continue } else { OnDoubt::Stop };
             let driven = self.drive(&targets, (granted.speed_mm_s(), on_doubt), way_mm, reads_outputs, steer).await?;
             if !driven.stopped {
                 self.arrived_z(driven.places_mm.first().copied(), target_mm).await?;

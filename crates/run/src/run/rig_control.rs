@@ -148,11 +148,13 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         }
     }
 
-    /// Begins to decide which readings are believed, by the noise of the present watch.
-    pub(super) fn believe(&mut self, spec: &RigSpec) {
-        let jolt_n = Watch::rise_n(&spec.limits, spec.air_n(), spec.stage.acceleration_mm_s2);
+    /// Begins to decide which readings are believed, by the noise of the present watch. The cell was read at this time last, s.
+    pub(super) fn believe(&mut self, spec: &RigSpec, at_s: f64) {
+        let jolt_n = Watch::jolt_n(spec.air_n(), spec.stage.acceleration_mm_s2);
         let conversion_s = self.cell.conversion().as_secs_f64();
-        self.believed.get_or_insert_with(|| Believed::new(spec.limits.stiffness_n_mm, conversion_s, jolt_n));
+        let mut believed = Believed::new(spec.limits.stiffness_n_mm, conversion_s, jolt_n);
+        believed.rests_at(self.watch.zero().offset_n, at_s);
+        self.believed = Some(believed);
     }
 
     /// Readings that were left out.
@@ -224,7 +226,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             self.due().await?;
             readings.push(self.cell.read().await?);
         }
-        let (readings, left_out) = without_glitches(&readings);
+        let (readings, left_out) = without_glitches(&readings)?;
         self.believed.iter_mut().for_each(|believed| believed.count(count, left_out));
         readings.iter().try_for_each(check_sound)?;
         Ok(readings)
