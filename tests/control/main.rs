@@ -15,6 +15,7 @@ mod gain;
 mod host;
 mod machine;
 mod printer;
+mod random_rigs;
 mod reaction;
 mod rehearsals;
 mod safety;

@@ -474,7 +474,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         permit.nothing_in_contact(there.offset_n - here.offset_n, sigma_n, taken.elapsed().as_secs_f64())?;
         let back = match is_farther {
             true => toward(self.z_mm, from_mm)?,
-            false => permit.retract(self.z_mm, from_mm, speed_mm_s)?,
+            // an axis with steps may rest half a step beyond its travel
+            false => permit.retract(self.z_mm, from_mm.max(spec.end_mm()), speed_mm_s)?,
         };
         self.cell.watch.pause();
         self.move_z(back, None).await

@@ -29,6 +29,8 @@ const RANGE_SHARE: f64 = 5e-4;
 const OUTPUT_SHARE: f64 = 1e-3;
 /// Number of successive readings that must show such a change.
 pub(super) const OUTPUT_LOOKS: usize = 3;
+/// Age at which a force is read again before a motion, as a fraction of the age at which it is stale: the next reading takes its time too.
+const OLD_SHARE: f64 = 0.5;
 /// Number of force readings that detect a light touch, and least mean above zero, in sd.
 const LIGHT_READINGS: u32 = 20;
 const LIGHT_SIGMAS: f64 = 4.0;
@@ -272,6 +274,16 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         self.last.map_or(f64::INFINITY, |last| last.elapsed().as_secs_f64())
     }
 
+    /// Reads the force again at rest if the last one is old, because a slow array or stage was read meanwhile. Nothing moved, so no reading
+    /// was due in between.
+    pub(super) async fn renew(&mut self) -> Result<(), Halt> {
+        if self.age_s() > OLD_SHARE * self.watch.zero().stale_s() {
+            self.watch.pause();
+            self.force_n().await?;
+        }
+        Ok(())
+    }
+
     /// Reads until the stage is at rest and the cell has followed.
     pub(super) async fn settle(&mut self) -> Result<(), Halt> {
         while Instant::now() < self.settled {
@@ -436,6 +448,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
                 }
             }
         }
+        self.cell.renew().await?;
         let force_n = self.cell.mean_n(LIGHT_READINGS).await?;
         let least_n = LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(LIGHT_READINGS);
         // an approach in pieces often ends in such a touch; the next piece adds a touch at most, and has to show a larger force

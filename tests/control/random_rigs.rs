@@ -1,0 +1,107 @@
+//! Random sound rigs: nothing is wrong with them, so each calibration is complete, and its rehearsal says so. Judged by the true values.
+//!
+//! ```sh
+//! PALPATE_TESTS=full cargo test --test control random_rigs:: -- --nocapture
+//! ```
+
+mod draw;
+mod mended;
+mod wrong_rate;
+
+use draw::RigDraw;
+use palpate_run::run::rehearse;
+use palpate_testing::campaign;
+use palpate_testing::executions::{Deaths, ExecutedRun, executed_with, in_parallel, must_be_none};
+use std::collections::BTreeMap;
+
+/// Calibrations, quick and full.
+const CALIBRATIONS: (usize, usize) = (4, 1000);
+
+/// Largest part of the calibrations that may end falsely.
+const FALSE_MOST: f64 = 0.001;
+
+/// Rules whose false ends are counted apart.
+const APART: [&str; 3] = ["rises-at-rest", "outputs-differ", "outputs-moved"];
+
+/// How a calibration of a sound rig went.
+#[derive(Debug)]
+enum RandomOutcome {
+    Complete,
+    /// The plan is refused.
+    Refused(String),
+    /// The rehearsal ends early.
+    Foretold(String),
+    /// The rehearsal passed, and the run ended early.
+    False(String),
+    /// The true force or depth exceeded its limit.
+    Exceeded(String),
+}
+
+#[test]
+fn calibrations_on_random_sound_rigs_are_complete() {
+    let first: u64 = std::env::var("FIRST").map_or(1, |first| first.parse().expect("a number"));
+    let seeds: Vec<u64> = (first..).take(campaign::size(CALIBRATIONS.0, CALIBRATIONS.1)).collect();
+    let outcomes = in_parallel(&seeds, |&seed| {
+        let draw = RigDraw::of(seed);
+        let outcome = outcome(&draw);
+        if !matches!(outcome, RandomOutcome::Complete) {
+            println!("{draw}: {outcome:?}");
+        }
+        outcome
+    });
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    for outcome in &outcomes {
+        *counts.entry(name(outcome)).or_default() += 1;
+    }
+    println!("{} calibrations: {counts:?}", outcomes.len());
+    let is_broken = |outcome: &RandomOutcome| match outcome {
+        RandomOutcome::Complete | RandomOutcome::Refused(_) => false,
+        RandomOutcome::Foretold(text) | RandomOutcome::False(text) => !APART.iter().any(|rule| text.starts_with(rule)),
+        RandomOutcome::Exceeded(_) => true,
+    };
+    let broken: Vec<String> = seeds
+        .iter()
+        .zip(&outcomes)
+        .filter(|(_, outcome)| is_broken(outcome))
+        .map(|(seed, outcome)| format!("{}: {outcome:?}", RigDraw::of(*seed)))
+        .collect();
+    if broken.len() as f64 > FALSE_MOST * outcomes.len() as f64 {
+        must_be_none(&broken);
+    }
+}
+
+/// Kind of an outcome, with the rule.
+fn name(outcome: &RandomOutcome) -> String {
+    let rule = |text: &str| text.split([':', ' ']).next().unwrap_or_default().to_owned();
+    match outcome {
+        RandomOutcome::Complete => "complete".to_owned(),
+        RandomOutcome::Refused(_) => "refused".to_owned(),
+        RandomOutcome::Foretold(text) => format!("foretold {}", rule(text)),
+        RandomOutcome::False(text) => format!("false {}", rule(text)),
+        RandomOutcome::Exceeded(_) => "exceeded".to_owned(),
+    }
+}
+
+fn outcome(draw: &RigDraw) -> RandomOutcome {
+    let planned = draw.spec().and_then(|spec| Ok((draw.plan(&spec)?, spec)));
+    let (plan, spec) = match planned {
+        Ok(planned) => planned,
+        Err(why) => return RandomOutcome::Refused(why),
+    };
+    let early = match rehearse(&plan, &spec) {
+        Ok(rehearsal) => rehearsal.early,
+        Err(error) => return RandomOutcome::Refused(error.to_string()),
+    };
+    if let Some(early) = early {
+        return RandomOutcome::Foretold(format!("{}, press {:?}", early.text, early.press));
+    }
+    let ExecutedRun { ending, ledger, truth, .. } = executed_with(&spec, &plan, Deaths::Ignored, &|_| {});
+    match ending.text() {
+        // an arm comes to its target within a step, so its tip slides by less
+        _ if truth.force_n > spec.limits.force_n || truth.depth_mm > spec.limits.depth_mm => {
+            RandomOutcome::Exceeded(format!("{truth:?}, {:?}", ending.text()))
+        }
+        Some(text) => RandomOutcome::False(format!("{text}, after {} presses", ledger.contacts().count())),
+        None => RandomOutcome::Complete,
+    }
+}
