@@ -13,6 +13,9 @@ const NEW_LEAST: f64 = 0.5;
 /// Largest odds that the changes of independent readings keep such distances by chance.
 const CHANCE_MOST: f64 = 1e-6;
 
+/// Width of the window of distances, in readings: a distance, and one more and less.
+const WINDOW: f64 = 3.0;
+
 /// Slowest load cell that is accepted, with a factor of two for an estimate from few changes, conversions/s. Rarer changes are a drift.
 const SLOWEST_HZ: f64 = 5.0 / 2.0;
 
@@ -71,24 +74,27 @@ fn steps_of(readings: &[ForceReading]) -> (f64, f64) {
     (step_n / variance.sqrt(), 1.0 - alike)
 }
 
-/// Whether the changes keep a distance from each other, in readings, that independent or filtered readings don't keep: a cell holds each
-/// conversion until the next one. A few distances may be shorter, because a link isn't even.
+/// Whether changes keep a distance of one conversion from each other, which a cell does that holds each conversion until the next one. Changes of
+/// independent or filtered readings are the rarer the larger their distance is, so of all distances up to this one, no more than the window's
+/// part is in a window at the end.
 fn is_held(readings: &[ForceReading]) -> bool {
     let changes: Vec<usize> =
         (1..readings.len()).filter(|&nth| readings[nth].force_n != readings[nth - 1].force_n).collect();
     let mut gaps: Vec<usize> = changes.windows(2).map(|pair| pair[1] - pair[0]).collect();
     gaps.sort_unstable();
-    let count = gaps.len() as f64;
-    let changed = changes.len() as f64 / readings.len() as f64;
-    let by_chance = |(shorter, gap): (usize, &usize)| {
-        let expected = 1.0 - (1.0 - changed).powi(*gap as i32 - 1);
-        tail((shorter as f64 / count).min(expected), expected).powf(count)
+    let by_chance = |gap: usize| {
+        // a link isn't even, so a conversion is read once more or less
+        let up_to = |most: usize| gaps.partition_point(|gap| *gap <= most) as f64;
+        let (all, shorter) = (up_to(gap + 1), up_to(gap.saturating_sub(2)));
+        let (share, odds) = ((all - shorter) / all, WINDOW / (gap as f64 + 1.0));
+        if share > odds { tail(share, odds).powf(all) } else { 1.0 }
     };
     // as many distances are tried as there are
-    gaps.iter().enumerate().map(by_chance).fold(1.0, f64::min) * count < CHANCE_MOST
+    let gaps_from_three = gaps.iter().copied().filter(|gap| *gap as f64 >= WINDOW);
+    gaps_from_three.map(by_chance).fold(1.0, f64::min) * (gaps.len() as f64) < CHANCE_MOST
 }
 
-/// Returns a bound of the odds, to the power of one trial, that only a share of trials with these odds succeeds (Chernoff).
+/// Returns a bound of the odds, to the power of one trial, that such a share of trials with these odds succeeds (Chernoff).
 fn tail(share: f64, odds: f64) -> f64 {
     let part = |of: f64, among: f64| if of > 0.0 { (among / of).powf(of) } else { 1.0 };
     part(share, odds) * part(1.0 - share, 1.0 - odds)
@@ -142,7 +148,7 @@ mod tests {
 
     #[test]
     fn coarse_steps_need_more_readings_to_show_the_rate() {
-        for step in [1.0, 1.5, 2.0] {
+        for step in [1.0, 1.5, 2.0, 3.0] {
             assert_eq!(ShownRate::of(&readings(80.0, 10.0, step, 60), 1.0 / 80.0), ShownRate::Unclear, "{step} sd");
             let rate_hz = slower_hz(&readings(80.0, 10.0, step, 2000), 80.0).expect("it is slower");
             assert!((rate_hz / 10.0 - 1.0).abs() < 0.2, "{rate_hz} of 10, {step} sd");

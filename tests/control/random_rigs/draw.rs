@@ -140,7 +140,7 @@ impl RigDraw {
             text = text.replacen("stage.py\"] }", "stage.py\"], finishes = true }", 1);
         }
         // a program with or without steps
-        let has_steps = text.contains("step_mm =") || path == PROGRAM.rig && self.seed % 2 == 0;
+        let has_steps = text.contains("step_mm =") || path == PROGRAM.rig && self.seed.is_multiple_of(2);
         if has_steps {
             let step_mm = self.step_mm;
             set(&mut text, "stage", "step_mm", &format!("{{ x = 0.0125, y = 0.0125, z = {step_mm:.6} }}"));

@@ -57,6 +57,16 @@ fn a_printer_on_a_slow_link_is_not_silent() {
     must_complete(&spec, 1.0);
 }
 
+/// The last reading of a motion took so long that its end seemed late: `stage-silent`.
+#[test]
+fn a_motion_that_ends_during_a_long_reading_is_not_silent() {
+    let mut spec = shipped_rig(MARLIN.rig);
+    spec.load_cell.conversions_hz = 5.0;
+    spec.scene.latencies.stage_s = (0.03, 0.05);
+    spec.scene.latencies.load_cell_s = (0.09, 0.1);
+    must_complete(&spec, 1.0);
+}
+
 /// The readings between the pieces of its way out took longer than the end of a run may.
 #[test]
 fn a_halted_printer_on_slow_links_is_parked() {

@@ -449,7 +449,8 @@ async fn watch_until<C: LoadCell>(
                 orders.speed(mm_s);
             }
         }
-        let silent_s = due.get().map_or(0.0, |due| due.elapsed().as_secs_f64());
+        // a motion that has ended meanwhile was reported: the reading took the time
+        let silent_s = due.get().filter(|_| !ended.get()).map_or(0.0, |due| due.elapsed().as_secs_f64());
         if silent_s > SILENT_S {
             return Err(Trip::new(SafetyRule::StageSilent, silent_s, SILENT_S, "s").into());
         }
