@@ -81,7 +81,7 @@ impl Rehearsal {
     }
 }
 
-/// Rehearses a plan on a rig, with its emulators in place of its devices. A rig with real links has no faults in its scene.
+/// Rehearses a plan on a rig, with emulators instead of its devices. A rig with real links has no faults in its scene.
 ///
 /// # Errors
 /// A device has no emulator.
