@@ -33,10 +33,6 @@ pub(super) const GIVEN_UP_AFTER: Duration = Duration::from_secs(1);
 /// Longest time without an answer after a motion should have ended, s.
 pub(super) const SILENT_S: f64 = 0.5;
 
-/// Time for which a driver exchanges lines to begin a motion and to read its end, in longest exchanges of a position. Marlin begins by up
-/// to six lines, and reads a position by two.
-const MOTION_EXCHANGES: f64 = 6.0;
-
 /// Number of readings after which a cell has shown a contact that ended: two readings make a force, one was in progress, and so was its
 /// conversion. They are counted as they come, because a link may be slower than the cell. A cell that doesn't answer any more ends the motion.
 const READINGS_HEARD: u32 = 4;
@@ -310,9 +306,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
 
     /// Returns the time after which a motion of some seconds is late.
     fn due_after(&self, expected_s: f64) -> Duration {
-        // the exchanges of a slow link may take longer than a silence
-        let slow_s = (MOTION_EXCHANGES * self.timing.exchange_s - SILENT_S).max(0.0);
-        seconds((1.0 + LATE_SHARE) * expected_s + self.usage.abilities.late_s + slow_s)
+        seconds((1.0 + LATE_SHARE) * expected_s + self.usage.abilities.late_s)
     }
 
     /// Returns the halt for a force that appeared while x and y moved, so that nothing is dragged along.

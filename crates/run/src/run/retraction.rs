@@ -14,7 +14,7 @@ use tokio::sync::Notify;
 /// triggers once. A third attempt costs only seconds.
 const RETRACT_TRIES: usize = 3;
 
-/// Longest end of a run that was halted on quick links, beyond the motion under way and the way up.
+/// Longest end of a run that was halted, beyond the motion under way and the way up.
 const END_DEADLINE: Duration = Duration::from_secs(5);
 /// Slowest way out, mm/s: a stiffer specimen isn't left any slower.
 const LEAVES_LEAST_MM_S: f64 = 1.0;
@@ -115,8 +115,8 @@ impl Remaining {
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
-    /// Parks the stage at the end of a run. After a halt this takes no longer than the motion under way, the way up at the rig's speed, and
-    /// [`END_DEADLINE`] or the readings on the way. After a trip or a failure, the specimen may have risen, and z may move the wrong way: the stage is stopped and read
+    /// Parks the stage at the end of a run. After a halt this takes no longer than the motion under way, the way up at the rig's speed and
+    /// [`END_DEADLINE`]. After a trip or a failure, the specimen may have risen, and z may move the wrong way: the stage is stopped and read
     /// back until it rests, and goes no faster than a rise of the force can stop it within the limit.
     ///
     /// # Errors
@@ -126,9 +126,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let way = |speed_mm_s: f64| seconds(self.usage.travel.along(Axis::Z).width() / speed_mm_s);
         let out_mm_s = if halt.is_fault() { self.risen_mm_s(limits) } else { f64::INFINITY };
         let out_mm_s = out_mm_s.min(self.usage.speed_mm_s);
-        // on slow links the readings between the pieces of the way out take longer
-        let pieces = seconds((PIECES_MAX * PIECE_READINGS) as f64 * self.timing.reaction_s);
-        let most = END_DEADLINE.max(pieces) + way(self.usage.speed_mm_s) + way(out_mm_s);
+        let most = END_DEADLINE + way(self.usage.speed_mm_s) + way(out_mm_s);
         self.usage.speed_mm_s = out_mm_s;
         let halted = self.cell.halted.map_or(Duration::ZERO, |halted| halted.elapsed());
         let leaving = async {
