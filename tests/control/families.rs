@@ -90,8 +90,13 @@ pub(crate) const PROGRAM: Family<ProcessStageFaultKind> =
 
 /// Returns a shipped rig, simulated.
 pub(crate) fn shipped_rig(path: &str) -> RigSpec {
-    let text = shipped_text(path);
-    rig::parse(path, &text, &|_| unreachable!("no map of its own")).expect("the shipped rig").simulated()
+    rig_of(path, &shipped_text(path))
+}
+
+/// Returns the rig of a text, simulated.
+pub(crate) fn rig_of(path: &str, text: &str) -> RigSpec {
+    let read = rig::parse(path, text, &|_| unreachable!("no map of its own"));
+    read.unwrap_or_else(|problems| panic!("{:?}\n{text}", problems.lines())).simulated()
 }
 
 /// Returns the faults at a time, and those after a number of bytes.

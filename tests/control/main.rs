@@ -17,6 +17,7 @@ mod glitches;
 mod host;
 mod machine;
 mod printer;
+mod random_rigs;
 mod reaction;
 mod rehearsals;
 mod safety;

@@ -1,18 +1,32 @@
 //! A link that is slower than its load cell, a slow load cell, and a slow stage: a sound rig completes its run.
 
-use super::families::{ARM, ESP301, GRBL, KLIPPER, MARLIN, PROGRAM, XPS, shipped_rig};
+use super::families::{ARM, ESP301, GRBL, KLIPPER, MARLIN, PROGRAM, XPS, rig_of, shipped_rig};
 use palpate_control::Strategy;
 use palpate_core::quantity::{Axis, Place};
 use palpate_run::rig::RigSpec;
-use palpate_testing::campaign;
 use palpate_testing::executions::{BENCHES, bench, executed, in_parallel, must_be_none, plan};
+use palpate_testing::{campaign, exchanged, shipped_text};
 
 /// Presses of a run: quick, and full.
 const PRESSES: (usize, usize) = (6, 25);
 
 /// Latencies of the load cell's link, least and most, ms: from a quick link to one slower than any shipped profile (2400 baud: 85 ms).
-const LATENCIES_MS: [[f64; 2]; 8] =
-    [[60.0, 60.0], [2.0, 60.0], [2.0, 2.0], [10.0, 10.0], [36.0, 36.0], [45.0, 45.0], [100.0, 100.0], [200.0, 200.0]];
+const LATENCIES_MS: [[f64; 2]; 14] = [
+    [60.0, 60.0],
+    [2.0, 60.0],
+    [2.0, 2.0],
+    [10.0, 10.0],
+    [36.0, 36.0],
+    [45.0, 45.0],
+    [100.0, 100.0],
+    [200.0, 200.0],
+    [10.0, 70.0],
+    [36.0, 96.0],
+    [45.0, 105.0],
+    [60.0, 120.0],
+    [100.0, 160.0],
+    [140.0, 200.0],
+];
 
 /// Rates of load cells, as transmitters and the HX711 have them, conversions/s.
 const RATES_HZ: [f64; 4] = [5.0, 10.0, 20.0, 80.0];
@@ -23,8 +37,11 @@ const SPEEDS_MM_S: [f64; 2] = [1.0, 0.2];
 /// Seeds of a condition in the full tier.
 const SEEDS: u64 = 5;
 
-fn strategies() -> Vec<Strategy> {
-    Strategy::ALL.into_iter().step_by(campaign::every(Strategy::ALL.len(), 1)).collect()
+/// The strategies of a campaign that a rig accepts.
+fn strategies(spec: &RigSpec) -> Vec<Strategy> {
+    let all = Strategy::ALL.into_iter().step_by(campaign::every(Strategy::ALL.len(), 1));
+    let finishes = spec.stage.driver.abilities().finishes();
+    all.filter(|strategy| !finishes || *strategy != Strategy::Velocity).collect()
 }
 
 /// Runs some presses at random places, or at given ones, and returns what isn't complete.
@@ -61,7 +78,9 @@ fn must_complete<T: Copy + Sync>(conditions: &[T], spec_of: impl Fn(T) -> (Strin
     let seeds = 1..=campaign::size(1, SEEDS as usize) as u64;
     let tasks: Vec<(T, Strategy, u64)> = conditions
         .iter()
-        .flat_map(|condition| strategies().into_iter().map(move |strategy| (*condition, strategy)))
+        .flat_map(|condition| {
+            strategies(&spec_of(*condition).1).into_iter().map(move |strategy| (*condition, strategy))
+        })
         .flat_map(|(condition, strategy)| seeds.clone().map(move |seed| (condition, strategy, seed)))
         .collect();
     let ends = in_parallel(&tasks, |&(condition, strategy, seed)| {
@@ -89,6 +108,30 @@ fn a_run_completes_with_a_slow_load_cell() {
         let mut spec = shipped_rig("rigs/sim.toml");
         spec.load_cell.conversions_hz = hz;
         (format!("{hz} Hz"), spec)
+    });
+}
+
+/// A cell on a serial line: its rig, its line as the rig has it, and the line's rates with the largest conversion rate that each carries.
+type OnLine = (&'static str, &'static str, [(u32, f64); 3]);
+
+/// A transmitter that is polled may be slower than its line or quicker. A board sends 7 to 9 bytes for each conversion.
+const ON_LINES: [OnLine; 2] = [
+    (ESP301.rig, "ttyUSB1?baud=115200", [(2400, 200.0), (9600, 200.0), (115_200, 200.0)]),
+    (MARLIN.rig, "ttyACM0?baud=115200", [(2400, 10.0), (9600, 80.0), (115_200, 80.0)]),
+];
+
+#[test]
+fn a_run_completes_at_any_rate_of_a_serial_line() {
+    let on_lines: Vec<(OnLine, u32, f64)> = ON_LINES
+        .into_iter()
+        .flat_map(|cell| cell.2.map(|(baud, most_hz)| (cell, baud, most_hz)))
+        .step_by(campaign::every(5, 1))
+        .collect();
+    must_complete(&on_lines, |((rig, line, _), baud, most_hz)| {
+        let slower = line.replace("115200", &baud.to_string());
+        let mut spec = rig_of(rig, &exchanged(&shipped_text(rig), line, &slower));
+        spec.load_cell.conversions_hz = most_hz;
+        (format!("{rig} at {baud} baud"), spec)
     });
 }
 

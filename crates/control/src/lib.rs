@@ -49,7 +49,7 @@ pub use press::{
     NoLoadReadings, SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,
 };
 pub use profile::MotionProfile;
-pub use rate::slower_rate_hz;
+pub use rate::ShownRate;
 pub use response::{Changed, LearnedOutputs, MeasuredContact};
 pub use side::SideZero;
 pub use speed::{Reaction, Timing, safe_speed_mm_s};

@@ -113,7 +113,7 @@ rules! {
         "check whether the load cell reads more than before (`palpate doctor --check-weight-n`), or something hard is on the specimen";
     /// The force rises while the stage rests in contact.
     RisesAtRest, "rises-at-rest", doubts_load_cell: true,
-        "check whether the load cell is slower than `load_cell.lag_ms` states (its filter), or the specimen moves";
+        "check whether the load cell is slower than `load_cell.lag_ms` states (its filter), `load_cell.conversions_hz` is too high, or the specimen moves";
     /// The outputs for each newton, or their pattern, differ from what the presses around predict.
     OutputsDiffer, "outputs-differ", doubts_load_cell: true,
         "check the load cell with a known weight (`palpate doctor --check-weight-n`), and whether the array has moved or changed";
@@ -128,7 +128,8 @@ rules! {
         "check whether the indenter sticks, or the surface is higher than measured before";
     /// The force isn't reached within the permitted depth or force.
     OutOfReach, "out-of-reach", doubts_load_cell: false,
-        "check whether the specimen is softer than expected, or `limits.depth_mm` is too small for this force; \
+        "check whether the specimen is softer than expected, `limits.depth_mm` is too small for this force, or the force is within \
+         `stiffness_n_mm` times a few `step_mm.z` of `limits.force_n`; \
          for its way back in one motion, a ramp needs a smaller force or a smaller `limits.stiffness_n_mm`";
     /// The force isn't reached in the permitted number of steps.
     NoConvergence, "no-convergence", doubts_load_cell: false,

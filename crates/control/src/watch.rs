@@ -120,6 +120,11 @@ impl Watch {
         self.side.clear();
     }
 
+    /// States that a reading arrived at this time, s, that doesn't count.
+    pub fn heard(&mut self, at_s: f64) {
+        self.last_s = self.last_s.map(|_| at_s);
+    }
+
     /// Mean that is compared with the limits, N; `None` before two readings.
     pub fn mean_n(&self) -> Option<f64> {
         let count = self.recent.len();

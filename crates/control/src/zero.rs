@@ -11,6 +11,9 @@ const FROZEN_ODDS: f64 = 1e-9;
 /// Fraction of repeated codes without load above which repetition doesn't indicate freezing, because the step is larger than the noise.
 const REPEATS_TOO_OFTEN: f64 = 0.5;
 
+/// Least number of repetitions that counts: with 100 independent codes that differ every second time, less is five sd.
+const REPEATS_LEAST: f64 = 2.0;
+
 /// Least correlation of neighbouring readings that counts, in sd of a chance correlation. The second constant is the largest
 /// correlation.
 const SHARED_SIGMAS: f64 = 3.0;
@@ -21,10 +24,10 @@ const NOISE_FACTOR: f64 = 3.0;
 const NOISE_LEAST_N: f64 = 0.001;
 
 /// Least force that counts as contact, N.
-const DETECT_LEAST_N: f64 = 0.030;
+pub(crate) const DETECT_LEAST_N: f64 = 0.030;
 
 /// Least force of a single reading that counts as contact, in sd of the noise.
-const DETECT_SIGMAS: f64 = 8.0;
+pub(crate) const DETECT_SIGMAS: f64 = 8.0;
 
 /// Longest time between two good readings while the indenter may touch, and largest age of one on which a motion may depend, s. Between the
 /// reading and the motion, an ESP301 takes up to 80 ms for the read-back.
@@ -100,7 +103,7 @@ impl Zero {
             step_n: step_n(&codes),
             offset_sigma_n: noise_n / n.sqrt(),
             mains,
-            frozen_after: frozen_after(&codes),
+            frozen_after: frozen_after(&codes).map(|count| count.saturating_mul(repeats(readings, &codes))),
             side: SideZero::of(readings),
         }
     }
@@ -183,6 +186,17 @@ pub(crate) fn frozen_after(codes: &[f64]) -> Option<u32> {
     Some(2 * (FROZEN_ODDS.ln() / agree.ln()).ceil() as u32)
 }
 
+/// Number of times that a code is read before the next one, beyond the chance that two agree: a filter with coarse steps holds its codes, and so
+/// does a cell that is slower than it is read. It is 1 unless codes change less than half as often as independent ones, which chance doesn't do.
+/// `codes` are sorted.
+fn repeats(readings: &[ForceReading], codes: &[f64]) -> u32 {
+    let changes = readings.windows(2).filter(|pair| pair[0].force_n != pair[1].force_n).count() as f64;
+    let n = codes.len() as f64;
+    let agree: f64 = codes.chunk_by(|a, b| a == b).map(|alike| (alike.len() as f64 / n).powi(2)).sum();
+    let held = (1.0 - agree) * (n - 1.0) / changes.max(1.0);
+    if held > REPEATS_LEAST { held.ceil() as u32 } else { 1 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -205,6 +219,14 @@ mod tests {
         assert!((zero.sigma_mean_n(4) - zero.noise_n.hypot(zero.noise_n / 5.0) / 2.0).abs() < 1e-9);
         // 3 mN of noise on a 1 mN step: two codes agree once in eleven, nine in a row once in a thousand million
         assert!((18..=22).contains(&zero.frozen_after.unwrap()), "{:?}", zero.frozen_after);
+    }
+
+    #[test]
+    fn codes_that_are_held_are_no_frozen_cell() {
+        let each = readings(0.003);
+        let held: Vec<ForceReading> = each.iter().flat_map(|reading| [*reading; 6]).collect();
+        let [each, held] = [each, held].map(|readings| Zero::of(&readings, 0.001).frozen_after.unwrap());
+        assert!((5 * each..=7 * each).contains(&held), "{held} of {each}");
     }
 
     #[test]

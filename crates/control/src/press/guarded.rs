@@ -4,6 +4,7 @@
 use super::state::{ForceLoop, PressState, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, TELL_SIGMAS};
 use super::{Branch, LoopCommand, SafetyRule, SetPoint, Strategy, Trip};
 use crate::surface::Expected;
+use crate::zero::{DETECT_LEAST_N, DETECT_SIGMAS};
 
 /// Fraction of the first force that an approach may add before it stops at contact, and fraction of a set depth.
 const TOUCH_SHARE: f64 = 0.6;
@@ -52,6 +53,11 @@ const DEPTH_WHOLE_MM: f64 = 0.020;
 /// way from home.
 const LOOKS_MAX: u32 = 2000;
 const FIRST_LOOKS_MAX: u32 = 20_000;
+/// How much softer than declared a specimen may be that a search still feels: the declared stiffness has a margin, and the specimen relaxes.
+const SOFTER: f64 = 3.0;
+/// Number of readings of the last look of a search, and least mean that is a contact, in sd of the mean: as for a single reading.
+const LAST_READINGS: u32 = 64;
+const LAST_SIGMAS: f64 = DETECT_SIGMAS;
 /// Fastest approach, mm/s. A higher speed loses its gain in braking.
 pub(crate) const APPROACH_MOST_MM_S: f64 = 2.0;
 
@@ -71,7 +77,7 @@ impl ForceLoop {
 
     /// Descends slowly until the force shows contact. The motion ends at a safe point even if nothing stops it.
     pub(super) fn approach(&mut self) -> Result<LoopCommand, Trip> {
-        let search_mm = self.context.expected.last_mm + SEARCH_MM;
+        let search_mm = self.context.expected.last_mm + self.search_mm();
         let share = if self.is_by_depth() { TOUCH_DEPTH_SHARE } else { TOUCH_SHARE };
         let detect_n = self.context.zero.detect_n();
         let touch_n = (share * self.level_n()).min(TOUCH_MOST_N).max(1.2 * detect_n);
@@ -80,7 +86,15 @@ impl ForceLoop {
         let target_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.context()).min(search_mm).min(look_mm));
         self.steps += 1;
         let looks_max = if self.context.expected.touched { LOOKS_MAX } else { FIRST_LOOKS_MAX };
-        if target_mm - self.z_mm < STEP_LEAST_MM || self.steps > looks_max {
+        let is_at_end = target_mm - self.z_mm < STEP_LEAST_MM;
+        if is_at_end && self.last_look.is_none() && self.z_mm >= self.first_mm {
+            // a soft specimen may be felt by a mean only
+            let readings = LAST_READINGS.max(self.readings());
+            self.last_look = Some(readings);
+            self.sigma_n = self.context.zero.sigma_mean_n(readings);
+            return self.go(PressState::Touching, LoopCommand::Average(readings));
+        }
+        if is_at_end || self.steps > looks_max {
             return Err(Trip::new(SafetyRule::NoContact, self.z_mm, search_mm, "mm"));
         }
         let speed = self.context.permit.approach_speed_mm_s(touch_n);
@@ -90,7 +104,7 @@ impl ForceLoop {
 
     pub(super) fn touched(&mut self, force_n: f64) -> Result<LoopCommand, Trip> {
         let Expected { first_mm, touched, .. } = self.context.expected;
-        let in_contact = force_n >= self.context.zero.detect_n() / 2.0;
+        let in_contact = force_n >= self.felt_n();
         if in_contact && !touched && self.z_mm < first_mm {
             return Err(Trip::new(SafetyRule::SurfaceElsewhere, self.z_mm, first_mm, "mm"));
         }
@@ -106,6 +120,21 @@ impl ForceLoop {
         self.note_path();
         let steps = self.task.strategy != Strategy::Velocity || self.is_by_depth() || self.must_show_stiffness();
         if steps { self.pursue() } else { self.push() }
+    }
+
+    /// Distance beyond the latest expected contact over which the search continues, mm: the force of a noisy cell is felt late.
+    fn search_mm(&self) -> f64 {
+        let softest_n_mm = self.context.limits.stiffness_n_mm / SOFTER;
+        SEARCH_MM.max(self.context.zero.detect_n() / 2.0 / softest_n_mm)
+    }
+
+    /// Least mean that is a contact, N. At the end of a search it is that of a mean of many readings, which a noisy cell needs on a soft specimen.
+    fn felt_n(&self) -> f64 {
+        let usual_n = self.context.zero.detect_n() / 2.0;
+        let by_mean_n = self.last_look.map_or(f64::INFINITY, |readings| {
+            (LAST_SIGMAS * self.context.zero.sigma_mean_n(readings)).max(DETECT_LEAST_N / 2.0)
+        });
+        usual_n.min(by_mean_n)
     }
 
     /// Checks that the force changes as z advances. No other rule detects a cell that always returns the same value. Distances

@@ -66,6 +66,7 @@ impl ForceLoop {
             follow_until_s: None,
             ramped: RampProgress::default(),
             steps: 0,
+            last_look: None,
             motion: None,
             broken: None,
             contact_s: None,
@@ -401,7 +402,7 @@ impl ForceLoop {
     }
 
     /// Number of readings for the next look at the force. It depends on the tolerance and on the available time.
-    fn readings(&self) -> u32 {
+    pub(super) fn readings(&self) -> u32 {
         let most_n = self.force_n.max(self.level_n());
         let least = if most_n > NEAR_LIMIT * self.context.limits.force_n { LIMIT_READINGS } else { READINGS_LEAST };
         let conversion_s = self.context.timing.conversion_s;

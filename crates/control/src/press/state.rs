@@ -68,6 +68,8 @@ pub struct ForceLoop {
     pub(super) follow_until_s: Option<f64>,
     pub(super) ramped: RampProgress,
     pub(super) steps: u32,
+    /// Number of readings of the last look of the search; `None` before it.
+    pub(super) last_look: Option<u32>,
     pub(super) motion: Option<MotionInProgress>,
     /// Rule that a reading broke during a motion.
     pub(super) broken: Option<Trip>,

@@ -1,7 +1,7 @@
 //! What was measured on a rig and differs from its file.
 
 use crate::rig::RigSpec;
-use palpate_control::slower_rate_hz;
+use palpate_control::ShownRate;
 use palpate_core::quantity::ForceReading;
 use palpate_drivers::lines::ForceCounts;
 use palpate_link::device::{DeviceError, DeviceProblem};
@@ -26,7 +26,10 @@ pub struct Finding {
 impl Finding {
     /// Compares the rate of a load cell without load.
     pub(super) fn of_rate(readings: &[ForceReading], spec: &RigSpec) -> Option<Finding> {
-        let measured = format!("{:?}", two_digits(slower_rate_hz(readings)?));
+        let ShownRate::Slower(rate_hz) = ShownRate::of(readings, 1.0 / spec.load_cell.conversions_hz) else {
+            return None;
+        };
+        let measured = format!("{:?}", two_digits(rate_hz));
         let in_rig = format!("{:?}", spec.load_cell.conversions_hz);
         Some(Finding { role: "load_cell", key: "conversions_hz", measured, in_rig })
     }

@@ -477,10 +477,16 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         permit.nothing_in_contact(there.offset_n - here.offset_n, sigma_n, taken.elapsed().as_secs_f64())?;
         let back = match is_farther {
             true => toward(self.z_mm, from_mm)?,
-            false => permit.retract(self.z_mm, from_mm, speed_mm_s)?,
+            false => permit.retract(self.z_mm, self.within_mm(from_mm, spec.end_mm()), speed_mm_s)?,
         };
         self.cell.watch.pause();
         self.move_z(back, None).await
+    }
+
+    /// Returns the end of z's travel for a place up to a step beyond it: an axis whose steps don't divide its travel rests there, but can't be
+    /// sent there.
+    fn within_mm(&self, z_mm: f64, end_mm: f64) -> f64 {
+        if z_mm < end_mm && end_mm - z_mm <= self.usage.steps.along(Axis::Z) { end_mm } else { z_mm }
     }
 }
 

@@ -27,7 +27,7 @@ const PIECE_S: f64 = 0.5;
 /// Distance of a target from the end of z's travel at which a way out leads to this end, mm.
 const TO_END_MM: f64 = 0.1;
 
-/// Number of times that one motion is stopped because readings are doubted. Then it goes on to its end, which is safe, and so many glitches end
+/// Number of times that one motion is stopped because readings are doubted. Then it continues to its end, which is safe, and so many glitches end
 /// the run.
 const DOUBTS_MOST: u32 = 20;
 
@@ -99,7 +99,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             // it comes to rest after its controller reports the end
             self.cell.settle().await?;
             self.watch_z().await?;
-            // the press goes on from where it was stopped, the way out to its end
+            // the press continues from where it was stopped, the way out to its end
             if is_toward || !self.cell.is_stopped_by_doubt() {
                 break;
             }
@@ -497,7 +497,8 @@ async fn watch_until<C: LoadCell>(
                 orders.speed(mm_s);
             }
         }
-        let silent_s = due.get().map_or(0.0, |due| due.elapsed().as_secs_f64());
+        // a motion that has ended meanwhile was reported: the reading took the time
+        let silent_s = due.get().filter(|_| !ended.get()).map_or(0.0, |due| due.elapsed().as_secs_f64());
         if silent_s > SILENT_S {
             return Err(Trip::new(SafetyRule::StageSilent, silent_s, SILENT_S, "s").into());
         }

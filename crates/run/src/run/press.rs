@@ -239,7 +239,11 @@ impl Runner<'_> {
                 LoopCommand::Move(granted) => {
                     if press.is_first_descent() {
                         self.rig_control.check_outputs_rest(&mut known, &self.conditions.spec.array).await?;
-                        self.freshen(&mut no_load, &mut no_load_s).await?;
+                        // after a light touch the readings aren't without load
+                        if known.light_n.is_none() {
+                            self.freshen(&mut no_load, &mut no_load_s).await?;
+                        }
+                        self.rig_control.cell.renew().await?;
                     }
                     self.rig_control.move_z(granted, Some(&mut press)).await?;
                     LoopEvent::Moved { z_mm: self.rig_control.z_mm }

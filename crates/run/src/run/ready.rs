@@ -6,7 +6,7 @@ use super::home::{AtHome, at_home};
 use super::rig_control::AnyRigControl;
 use super::{Cancel, Halt};
 use crate::rig::{OpenRig, RigSpec};
-use palpate_control::{Reaction, SafetyRule, Timing, Trip, Watch, Zero};
+use palpate_control::{Reaction, SafetyRule, ShownRate, Timing, Trip, Watch, Zero};
 use palpate_core::quantity::{Axis, ForceReading, Range};
 use palpate_data::dataset::Record;
 use palpate_link::device::{Identity, LoadCell, MotionOrders, Stage};
@@ -83,8 +83,14 @@ pub(super) async fn take_zero(
     zero_of(&readings, rig_control, conditions).await
 }
 
+/// Reads without load: as long as the zero needs, and longer if the readings may hide that the cell is slower than declared.
 async fn without_load(rig_control: &mut AnyRigControl<'_>) -> Result<Vec<ForceReading>, Halt> {
-    rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await
+    let mut readings = rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
+    let conversion_s = rig_control.cell.cell.conversion().as_secs_f64();
+    while ShownRate::of(&readings, conversion_s) == ShownRate::Unclear {
+        readings.extend(rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await?);
+    }
+    Ok(readings)
 }
 
 async fn zero_of(

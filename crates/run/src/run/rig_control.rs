@@ -32,6 +32,8 @@ const RANGE_SHARE: f64 = 5e-4;
 const OUTPUT_SHARE: f64 = 1e-3;
 /// Number of successive readings that must show such a change.
 pub(super) const OUTPUT_LOOKS: usize = 3;
+/// Age at which a force is read again before a motion, as a fraction of the age at which it is stale: the next reading takes its time too.
+const OLD_SHARE: f64 = 0.5;
 /// Number of force readings that detect a light touch, and least mean above zero, in sd.
 const LIGHT_READINGS: u32 = 20;
 const LIGHT_SIGMAS: f64 = 4.0;
@@ -112,7 +114,7 @@ pub(super) struct WatchedLoadCell<'a, C> {
 pub(super) enum OnDoubt {
     /// It is stopped.
     Stop,
-    /// It goes on, because it leads away.
+    /// It continues, because it leads away or ends where it is safe.
     Continue,
 }
 
@@ -187,14 +189,13 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         if self.motion.is_none() && Instant::now() > self.settled + self.cell.conversion() {
             believed.moves(0.0);
         }
-        Ok(match believed.take(&reading, self.watch.zero())? {
-            Belief::Believed(reading) => Some(reading),
-            Belief::LeftOut => None,
-            Belief::Doubted => {
-                self.stopped_by_doubt |= self.motion == Some(OnDoubt::Stop);
-                None
-            }
-        })
+        let belief = believed.take(&reading, self.watch.zero())?;
+        if let Belief::Believed(reading) = belief {
+            return Ok(Some(reading));
+        }
+        self.watch.heard(reading.at_s);
+        self.stopped_by_doubt |= belief == Belief::Doubted && self.motion == Some(OnDoubt::Stop);
+        Ok(None)
     }
 
     /// Waits until the cell's next conversion is due.
@@ -352,6 +353,16 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
     /// Age of the last good reading, s.
     pub(super) fn age_s(&self) -> f64 {
         self.last.map_or(f64::INFINITY, |last| last.elapsed().as_secs_f64())
+    }
+
+    /// Reads the force again at rest if the last one is old, because a slow array or stage was read meanwhile. Nothing moved, so no reading
+    /// was due in between.
+    pub(super) async fn renew(&mut self) -> Result<(), Halt> {
+        if self.age_s() > OLD_SHARE * self.watch.zero().stale_s() {
+            self.watch.pause();
+            self.force_n().await?;
+        }
+        Ok(())
     }
 
     /// Reads until the stage is at rest and the cell has followed.
@@ -518,6 +529,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
                 }
             }
         }
+        self.cell.renew().await?;
         let force_n = self.cell.mean_n(LIGHT_READINGS).await?;
         let least_n = LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(LIGHT_READINGS);
         // an approach in pieces often ends in such a touch; the next piece adds a touch at most, and has to show a larger force
