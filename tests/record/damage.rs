@@ -325,7 +325,8 @@ fn a_press_that_tripped_has_its_worst_force_in_the_scenes_table() {
     // steel of 60 N/mm at the surface, and a stage that is braked after the reading; the excess over the limit depends on the time of the
     // run, and the tests of the control bound it
     assert!((peak_n - 60.0 * depth_peak_mm).abs() < 60.0 * 1e-5, "{peak_n} N at {depth_peak_mm} mm");
-    assert!(peak_n >= tripped_n && tripped_n > 2.0, "{peak_n} N, tripped at {tripped_n} N");
+    // judged at rest, by readings with the cell's noise of 3 mN
+    assert!(peak_n >= tripped_n - 0.015 && tripped_n > 2.0, "{peak_n} N, tripped at {tripped_n} N");
     assert!(rows[..rows.len() - 1].iter().all(|row| row[1] != "trip"));
     bench.palpate_ends(0, "verify run");
     std::fs::remove_file(bench.path("run/scene.csv")).expect("a file");
