@@ -80,7 +80,8 @@ fn run(seed: u64) -> Outcome {
     spec.frame.uncertainty_mm = 1.0; // a tilted surface
     low_home(&mut spec);
     let linear_n_mm = spec.limits.stiffness_n_mm * rng.random_range(0.8..1.0);
-    spec.stiffness_least_n_mm = Some(linear_n_mm * rng.random_range(0.6..0.95));
+    let softer = stream(seed, 0, "least stiffness").random_range(0.6..0.95);
+    spec.stiffness_least_n_mm = Some(linear_n_mm * softer);
     spec.drag = Some(DragLimits { friction, softest_n_mm: spec.stiffness_least_n_mm, ..LIMITS });
     spec.scene.contact = ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
     let (slope, angle) = (rng.random_range(0.0..SLOPE), rng.random_range(0.0..std::f64::consts::TAU));
