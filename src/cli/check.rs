@@ -350,7 +350,7 @@ fn guarded(plan: &Plan, rig: &RigSpec) -> String {
 /// Describes what a run without a load cell relies on.
 fn without_load_cell(rig: &RigSpec) -> String {
     let Limits { force_n, stiffness_n_mm, .. } = rig.limits;
-    let told = [
+    let lines = [
         format!(
             "a move ends at most {:.3} mm below the earliest possible surface: {force_n} N over {stiffness_n_mm} N/mm",
             depth_without_force_mm(&rig.limits)
@@ -362,8 +362,8 @@ fn without_load_cell(rig: &RigSpec) -> String {
             rig.frame.uncertainty_mm
         ),
     ];
-    let told: String = told.iter().map(|text| filled(&format!("  {text}"), "  ")).collect();
-    format!("no load cell: no force is measured, and no force stops a motion\n{told}")
+    let lines: String = lines.iter().map(|text| filled(&format!("  {text}"), "  ")).collect();
+    format!("no load cell: no force is measured, and no force stops a motion\n{lines}")
 }
 
 /// Number of presses that are compared with earlier presses around them.

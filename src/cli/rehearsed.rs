@@ -91,17 +91,17 @@ impl Rehearsed {
         let (presses, all) = (rehearsal.presses, plan.entries.len());
         match &rehearsal.early {
             None => {
-                let told = format!(
+                let works = format!(
                     "rehearsed {presses} of {all} presses on the simulated rig: works; a press takes some {}{NO_BREAK}s, all together {}, {} \
                      of it before the first press",
                     round(rehearsal.press_s(), 2),
                     duration(rehearsal.total_s()),
                     duration(rehearsal.ready_s),
                 );
-                filled(&told, "  ")
+                filled(&works, "  ")
             }
-            Some(EarlyEnd { press, place, text, .. }) => {
-                let at = press.zip(*place).map(|(press, place)| {
+            Some(EarlyEnd { press, text, .. }) => {
+                let at = press.map(|(press, place)| {
                     format!(" in press {press} at ({}, {}) mm", round(place.x_mm, 3), round(place.y_mm, 3))
                 });
                 let early = format!("rehearsed on the simulated rig: ends early{}: {text}", at.unwrap_or_default());
@@ -117,8 +117,10 @@ impl Rehearsed {
             Ok(rehearsal) => json!({
                 "presses": rehearsal.presses,
                 "press_s": self.complete().map(|complete| round(complete.press_s(), 3)),
-                "ends_early": rehearsal.early.as_ref().map(|EarlyEnd { press, place, text, .. }| json!({
-                    "press": press, "place_mm": place.map(|place| [place.x_mm, place.y_mm]), "reason": text,
+                "ends_early": rehearsal.early.as_ref().map(|EarlyEnd { press, text, .. }| json!({
+                    "press": press.map(|(press, _)| press),
+                    "place_mm": press.map(|(_, place)| [place.x_mm, place.y_mm]),
+                    "reason": text,
                 })),
             }),
         }

@@ -3,7 +3,7 @@
 use super::families::{KLIPPER, shipped_rig};
 use palpate_control::Strategy;
 use palpate_run::rig::RigSpec;
-use palpate_sim::scene::{GlitchKind, Glitches};
+use palpate_sim::scene::{CorruptSamples, GlitchKind};
 use palpate_testing::campaign;
 use palpate_testing::executions::{BENCHES, ExecutedRun, bench, end_of, executed, in_parallel, must_be_none, plan};
 use std::collections::BTreeMap;
@@ -44,7 +44,7 @@ enum GlitchRig {
 impl GlitchRig {
     const ALL: [GlitchRig; 2] = [GlitchRig::Polled, GlitchRig::Pushed];
 
-    fn spec(self, glitches: Glitches) -> RigSpec {
+    fn spec(self, glitches: CorruptSamples) -> RigSpec {
         let mut spec = match self {
             GlitchRig::Polled => bench(BENCHES[0].0),
             GlitchRig::Pushed => shipped_rig(KLIPPER.rig),
@@ -70,7 +70,7 @@ impl GlitchRig {
 struct GlitchTask {
     condition: String,
     rig: GlitchRig,
-    glitches: Glitches,
+    glitches: CorruptSamples,
     presses: usize,
     seed: u64,
 }
@@ -148,7 +148,7 @@ fn tried(tasks: &[GlitchTask]) -> Vec<GlitchEnd> {
 }
 
 /// Runs of a condition on both rigs, with each seed.
-fn on_both(name: &str, glitches: impl Fn(u64) -> Glitches, presses: (usize, usize)) -> Vec<GlitchTask> {
+fn on_both(name: &str, glitches: impl Fn(u64) -> CorruptSamples, presses: (usize, usize)) -> Vec<GlitchTask> {
     let seeds = 1..=campaign::size(1, SEEDS) as u64;
     let presses = campaign::size(presses.0, presses.1).min(presses.1); // a long campaign has more seeds
     let of_rig = |rig: GlitchRig| {
@@ -169,7 +169,7 @@ fn on_both(name: &str, glitches: impl Fn(u64) -> Glitches, presses: (usize, usiz
 fn of_kinds(kinds: &[GlitchKind], shares: &[f64], presses: (usize, usize)) -> Vec<GlitchTask> {
     let conditions = kinds.iter().flat_map(|kind| shares.iter().map(move |share| (*kind, *share)));
     conditions
-        .flat_map(|(kind, share)| on_both(&condition(kind, share), |_| Glitches::of(kind, share), presses))
+        .flat_map(|(kind, share)| on_both(&condition(kind, share), |_| CorruptSamples::of(kind, share), presses))
         .collect()
 }
 
@@ -230,7 +230,7 @@ fn corrupt_samples_in_a_row_stay_within_the_limit() {
     let mut tasks = Vec::new();
     for kind in GlitchKind::ALL.map(|(_, kind)| kind) {
         for (in_a_row, share) in [(2, 0.004), (3, 0.006)] {
-            let glitches = Glitches { in_a_row, ..Glitches::of(kind, share) };
+            let glitches = CorruptSamples { in_a_row, ..CorruptSamples::of(kind, share) };
             tasks.extend(on_both(
                 &format!("{}, {in_a_row} in a row", condition(kind, share)),
                 |_| glitches,
@@ -253,7 +253,7 @@ const BURST_AFTER: (f64, f64) = (0.3, 0.03);
 /// The same runs without a corrupt sample complete, and their times place the bursts.
 #[test]
 fn a_burst_of_one_second_stays_within_the_limit() {
-    let sound = on_both("sound", |_| Glitches::of(GlitchKind::MinusOne, 0.0), (2, PRESSES.1));
+    let sound = on_both("sound", |_| CorruptSamples::of(GlitchKind::MinusOne, 0.0), (2, PRESSES.1));
     let sound_ends = tried(&sound);
     must_be_none(&not_ended(&sound, &sound_ends, "-"));
     let mut tasks = Vec::new();
@@ -262,7 +262,7 @@ fn a_burst_of_one_second_stays_within_the_limit() {
             let [began_s, ended_s] = end.presses_s;
             let part = BURST_AFTER.0 + BURST_AFTER.1 * task.seed as f64;
             let from_s = began_s + part.min(1.0) * (ended_s - began_s);
-            let glitches = Glitches { from_s, for_s: 1.0, ..Glitches::of(kind, 1.0) };
+            let glitches = CorruptSamples { from_s, for_s: 1.0, ..CorruptSamples::of(kind, 1.0) };
             GlitchTask { condition: format!("{name} for 1 s"), glitches, ..*task }
         }));
     }

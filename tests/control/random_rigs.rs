@@ -20,9 +20,9 @@ const CALIBRATIONS: (usize, usize) = (2, 200);
 /// Largest part of the calibrations that may end falsely though the rehearsal passed.
 const FALSE_MOST: f64 = 0.001;
 
-/// Largest part that the rehearsal may foretell to end early, by rules that aren't counted apart. 7 of 255 did, and 6 of these rigs are sound:
+/// Largest part that the rehearsal may end early, by rules that aren't counted apart. 7 of 255 did, and 6 of these rigs are sound:
 /// Marlin's count (seeds 6, 124, 255), a search without contact (215, 234), a zero that drifted (125).
-const FORETOLD_MOST: f64 = 0.06;
+const EARLY_MOST: f64 = 0.06;
 
 /// Rules whose false ends are counted apart.
 const APART: [&str; 3] = ["rises-at-rest", "outputs-differ", "outputs-moved"];
@@ -34,7 +34,7 @@ enum RandomOutcome {
     /// The plan is refused.
     Refused(String),
     /// The rehearsal ends early.
-    Foretold(String),
+    RehearsedEarly(String),
     /// The rehearsal passed, and the run ended early.
     False(String),
     /// The true force or depth exceeded its limit.
@@ -61,17 +61,13 @@ fn calibrations_on_random_sound_rigs_are_complete() {
     println!("{} calibrations: {counts:?}", outcomes.len());
     let is_apart = |text: &str| APART.iter().any(|rule| text.starts_with(rule));
     let is_broken = |outcome: &RandomOutcome| match outcome {
-        RandomOutcome::Complete | RandomOutcome::Refused(_) | RandomOutcome::Foretold(_) => false,
+        RandomOutcome::Complete | RandomOutcome::Refused(_) | RandomOutcome::RehearsedEarly(_) => false,
         RandomOutcome::False(text) => !is_apart(text),
         RandomOutcome::Exceeded(_) => true,
     };
-    let is_foretold = |outcome: &&RandomOutcome| matches!(outcome, RandomOutcome::Foretold(text) if !is_apart(text));
-    let foretold = outcomes.iter().filter(is_foretold).count();
-    assert!(
-        foretold <= 1 || foretold as f64 <= FORETOLD_MOST * outcomes.len() as f64,
-        "{foretold} of {}",
-        outcomes.len()
-    );
+    let is_early = |outcome: &&RandomOutcome| matches!(outcome, RandomOutcome::RehearsedEarly(text) if !is_apart(text));
+    let early = outcomes.iter().filter(is_early).count();
+    assert!(early <= 1 || early as f64 <= EARLY_MOST * outcomes.len() as f64, "{early} of {}", outcomes.len());
     let broken: Vec<String> = seeds
         .iter()
         .zip(&outcomes)
@@ -88,7 +84,7 @@ impl RandomOutcome {
         match self {
             RandomOutcome::Complete => "complete",
             RandomOutcome::Refused(_) => "refused",
-            RandomOutcome::Foretold(_) => "foretold",
+            RandomOutcome::RehearsedEarly(_) => "early in the rehearsal",
             RandomOutcome::False(_) => "false",
             RandomOutcome::Exceeded(_) => "exceeded",
         }
@@ -98,7 +94,7 @@ impl RandomOutcome {
         match self {
             RandomOutcome::Complete => None,
             RandomOutcome::Refused(text)
-            | RandomOutcome::Foretold(text)
+            | RandomOutcome::RehearsedEarly(text)
             | RandomOutcome::False(text)
             | RandomOutcome::Exceeded(text) => Some(text),
         }
@@ -107,7 +103,7 @@ impl RandomOutcome {
     /// Its kind, with the rule that ended it.
     fn name(&self) -> String {
         let rule = match self {
-            RandomOutcome::Foretold(text) | RandomOutcome::False(text) => text.split([':', ' ']).next(),
+            RandomOutcome::RehearsedEarly(text) | RandomOutcome::False(text) => text.split([':', ' ']).next(),
             _ => None,
         };
         format!("{} {}", self.kind(), rule.unwrap_or_default()).trim_end().to_owned()
@@ -125,7 +121,7 @@ fn outcome(draw: &RigDraw) -> RandomOutcome {
         Err(error) => return RandomOutcome::Refused(error.to_string()),
     };
     if let Some(early) = early {
-        return RandomOutcome::Foretold(format!("{}, press {:?}", early.text, early.press));
+        return RandomOutcome::RehearsedEarly(format!("{}, press {:?}", early.text, early.press));
     }
     let ExecutedRun { ending, ledger, truth, .. } = executed_with(&spec, &plan, Deaths::Ignored, &|_| {});
     match ending.text() {

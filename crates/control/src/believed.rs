@@ -5,13 +5,10 @@
 
 use super::trip::{SafetyRule, Trip};
 use super::watch::check_sound;
-use super::zero::Zero;
+use super::zero::{DETECT_LEAST_N, Zero};
 use palpate_core::quantity::{ForceReading, Health};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::SQRT_2;
-
-/// Change of a force that is never doubted, N: the least force that counts as contact.
-const FLOOR_LEAST_N: f64 = 0.030;
 
 /// Change between two readings that noise doesn't explain, in sd of their difference.
 const NOISE_SIGMAS: f64 = 6.0 * SQRT_2;
@@ -65,8 +62,17 @@ impl Glitches {
     pub fn add(&mut self, other: &Glitches) {
         self.readings += other.readings;
         self.left_out += other.left_out;
-        if other.largest_n.abs() > self.largest_n.abs() {
-            self.largest_n = other.largest_n;
+        self.enlarge(other.largest_n);
+    }
+
+    fn leave_out(&mut self, force_n: f64) {
+        self.left_out += 1;
+        self.enlarge(force_n);
+    }
+
+    fn enlarge(&mut self, force_n: f64) {
+        if force_n.abs() > self.largest_n.abs() {
+            self.largest_n = force_n;
         }
     }
 
@@ -126,10 +132,9 @@ impl Believed {
         self.doubted.clear();
     }
 
-    /// Counts the readings of a zero, and those of them that were left out.
-    pub fn count(&mut self, readings: usize, left_out: usize) {
-        self.glitches.readings += readings as u64;
-        self.glitches.left_out += left_out as u64;
+    /// Counts the readings of a zero.
+    pub fn count(&mut self, glitches: &Glitches) {
+        self.glitches.add(glitches);
     }
 
     /// Readings so far.
@@ -198,11 +203,7 @@ impl Believed {
             if self.is_possible(&reading, zero) {
                 continue;
             }
-            self.glitches.left_out += 1;
-            let force_n = reading.force_n - zero.offset_n;
-            if force_n.abs() > self.glitches.largest_n.abs() {
-                self.glitches.largest_n = force_n;
-            }
+            self.glitches.leave_out(reading.force_n - zero.offset_n);
         }
         let Glitches { readings, left_out, .. } = self.glitches;
         let share = left_out as f64 / readings as f64;
@@ -235,17 +236,17 @@ impl Believed {
     }
 }
 
-/// Change of a force that is never doubted, N.
+/// Change of a force that is never doubted, N: at least the least force that counts as contact.
 fn floor_n(zero: &Zero) -> f64 {
-    FLOOR_LEAST_N.max(NOISE_SIGMAS * zero.sigma_n).max(zero.step_n)
+    DETECT_LEAST_N.max(NOISE_SIGMAS * zero.sigma_n).max(zero.step_n)
 }
 
-/// Returns the readings of a cell at rest without those that are far from the others, and the number left out. All are returned if there are
+/// Returns the readings of a cell at rest without those that are far from the others, and what was left out, N from the median. All are returned if there are
 /// no others: then it is no glitch, and the caller's checks say what it is.
 ///
 /// # Errors
 /// Too many are left out.
-pub fn without_glitches(readings: &[ForceReading]) -> Result<(Vec<ForceReading>, usize), Trip> {
+pub fn without_glitches(readings: &[ForceReading]) -> Result<(Vec<ForceReading>, Glitches), Trip> {
     let mut sorted: Vec<f64> =
         readings.iter().filter(|reading| check_sound(reading).is_ok()).map(|reading| reading.force_n).collect();
     let middle = |sorted: &mut Vec<f64>| {
@@ -254,18 +255,20 @@ pub fn without_glitches(readings: &[ForceReading]) -> Result<(Vec<ForceReading>,
     };
     let median_n = middle(&mut sorted);
     let mut off: Vec<f64> = sorted.iter().map(|force_n| (force_n - median_n).abs()).collect();
-    let most_n = FLOOR_LEAST_N.max(NOISE_SIGMAS * SD_PER_MEDIAN * middle(&mut off));
+    let most_n = DETECT_LEAST_N.max(NOISE_SIGMAS * SD_PER_MEDIAN * middle(&mut off));
     let is_near =
         |reading: &&ForceReading| check_sound(reading).is_ok() && (reading.force_n - median_n).abs() <= most_n;
-    let near: Vec<ForceReading> = readings.iter().filter(is_near).copied().collect();
-    let left_out = readings.len() - near.len();
+    let (near, far): (Vec<ForceReading>, Vec<ForceReading>) = readings.iter().partition(is_near);
+    let left_out = far.len();
     let share = left_out as f64 / readings.len().max(1) as f64;
     if left_out <= BATCH_LEAST || share <= BATCH_MOST {
-        return Ok((near, left_out));
+        let mut glitches = Glitches { readings: readings.len() as u64, ..Glitches::default() };
+        far.iter().for_each(|reading| glitches.leave_out(reading.force_n - median_n));
+        return Ok((near, glitches));
     }
     match share <= SOME_MOST {
         true => Err(Trip::new(SafetyRule::Glitches, 100.0 * share, 100.0 * BATCH_MOST, "% of the readings")),
-        false => Ok((readings.to_vec(), 0)),
+        false => Ok((readings.to_vec(), Glitches { readings: readings.len() as u64, ..Glitches::default() })),
     }
 }
 
@@ -358,10 +361,11 @@ mod tests {
             (0..100).map(|nth| reading(nth, if wrong.contains(&nth) { 8.0 } else { noisy(nth) })).collect()
         };
         let (kept, left_out) = without_glitches(&with(&[3, 40, 99])).unwrap();
-        assert_eq!((kept.len(), left_out), (97, 3));
-        assert_eq!(without_glitches(&with(&[])).unwrap().1, 0);
+        assert_eq!((kept.len(), left_out.left_out), (97, 3));
+        assert!((left_out.largest_n - 8.0).abs() < 0.01, "{left_out:?}");
+        assert_eq!(without_glitches(&with(&[])).unwrap().1.left_out, 0);
         let many = |count: usize| with(&(0..count).collect::<Vec<_>>());
         assert_eq!(without_glitches(&many(20)).unwrap_err().rule, SafetyRule::Glitches);
-        assert_eq!(without_glitches(&many(40)).unwrap().1, 0, "the force has changed");
+        assert_eq!(without_glitches(&many(40)).unwrap().1.left_out, 0, "the force has changed");
     }
 }

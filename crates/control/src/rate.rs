@@ -1,6 +1,7 @@
 //! Rate of a load cell, by its noise without load.
 
 use super::mains::MainsInterference;
+use super::zero::agreeing;
 use palpate_core::quantity::ForceReading;
 
 /// Largest step between two readings, in sd, with which a repeated reading is no new one: of independent readings with this step at most a
@@ -70,8 +71,7 @@ fn steps_of(readings: &[ForceReading]) -> (f64, f64) {
     codes.sort_by(f64::total_cmp);
     let steps = codes.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_n| *step_n > 0.0);
     let step_n = steps.fold(f64::INFINITY, f64::min);
-    let alike: f64 = codes.chunk_by(|a, b| a == b).map(|alike| (alike.len() as f64 / n).powi(2)).sum();
-    (step_n / variance.sqrt(), 1.0 - alike)
+    (step_n / variance.sqrt(), 1.0 - agreeing(&codes))
 }
 
 /// Whether changes keep a distance of one conversion from each other, which a cell does that holds each conversion until the next one. Changes of

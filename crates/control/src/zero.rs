@@ -177,13 +177,17 @@ fn step_n(codes: &[f64]) -> f64 {
 /// Number of equal codes in a row that is less likely than [`FROZEN_ODDS`]. It depends on how often two codes without load agree. It is
 /// doubled, because a reading can be read twice between two conversions. `codes` are sorted.
 pub(crate) fn frozen_after(codes: &[f64]) -> Option<u32> {
-    let n = codes.len() as f64;
-    let runs = codes.chunk_by(|a, b| a == b).map(|run| (run.len() as f64 / n).powi(2));
-    let agree: f64 = runs.sum();
+    let agree = agreeing(codes);
     if !(agree > 0.0 && agree < REPEATS_TOO_OFTEN) {
         return None;
     }
     Some(2 * (FROZEN_ODDS.ln() / agree.ln()).ceil() as u32)
+}
+
+/// Returns how often two of some codes, drawn independently, are the same. `codes` are sorted.
+pub(crate) fn agreeing(codes: &[f64]) -> f64 {
+    let n = codes.len() as f64;
+    codes.chunk_by(|a, b| a == b).map(|alike| (alike.len() as f64 / n).powi(2)).sum()
 }
 
 /// Number of times that a code is read before the next one, beyond the chance that two agree: a filter with coarse steps holds its codes, and so
@@ -191,9 +195,7 @@ pub(crate) fn frozen_after(codes: &[f64]) -> Option<u32> {
 /// `codes` are sorted.
 fn repeats(readings: &[ForceReading], codes: &[f64]) -> u32 {
     let changes = readings.windows(2).filter(|pair| pair[0].force_n != pair[1].force_n).count() as f64;
-    let n = codes.len() as f64;
-    let agree: f64 = codes.chunk_by(|a, b| a == b).map(|alike| (alike.len() as f64 / n).powi(2)).sum();
-    let held = (1.0 - agree) * (n - 1.0) / changes.max(1.0);
+    let held = (1.0 - agreeing(codes)) * (codes.len() as f64 - 1.0) / changes.max(1.0);
     if held > REPEATS_LEAST { held.ceil() as u32 } else { 1 }
 }
 

@@ -11,7 +11,7 @@ use super::{KEYS, SIM_RIG, keys};
 use palpate_core::quantity::{Limits, Place, Range, Tilt};
 use palpate_document::{self as document, DefaultValue, Key, Problem, Problems, Table};
 use palpate_sim::scene::{
-    ContactLaw, FaultKind, Friction, GlitchKind, Glitches, Latencies, LoadCellScene, Mounting, RelaxationBranch,
+    ContactLaw, CorruptSamples, FaultKind, Friction, GlitchKind, Latencies, LoadCellScene, Mounting, RelaxationBranch,
     Relief, SceneFault, SceneSpec, Servo, Sine, Spikes, Stiffness,
 };
 
@@ -182,12 +182,12 @@ fn read_load_cell(table: &Table) -> Option<LoadCellScene> {
     })
 }
 
-fn read_glitches(table: &Table) -> Option<Glitches> {
+fn read_glitches(table: &Table) -> Option<CorruptSamples> {
     let kind = table.word(&glitches::kind, &GlitchKind::ALL);
     let in_a_row = table.whole(&glitches::in_a_row);
     let for_s = table.number(&glitches::for_s).unwrap_or(f64::INFINITY);
     let [share, range_n, from_s] = table.numbers([glitches::share, glitches::range_n, glitches::from_s])?;
-    Some(Glitches { kind: kind?, share, in_a_row: u32::try_from(in_a_row?).ok()?, range_n, from_s, for_s })
+    Some(CorruptSamples { kind: kind?, share, in_a_row: u32::try_from(in_a_row?).ok()?, range_n, from_s, for_s })
 }
 
 fn read_latencies(table: Option<&Table>) -> Option<Latencies> {
@@ -256,11 +256,11 @@ mod tests {
         assert_eq!(scene.stage, Some(Servo { lag_s: 0.007, quantum_mm: 0.0001, backlash_mm: 0.0 }));
         let of = "glitches = { kind = \"minus-one\", share = 0.004";
         let scene = changed("noise_n = 0.003", &format!("noise_n = 0.003, {of} }}")).unwrap();
-        let usual = Glitches::of(GlitchKind::MinusOne, 0.004);
+        let usual = CorruptSamples::of(GlitchKind::MinusOne, 0.004);
         assert_eq!(scene.load_cell, Some(LoadCellScene { glitches: Some(usual), ..cell }));
         let burst = format!("noise_n = 0.003, {of}, in_a_row = 2, range_n = 50.0, from_s = 12.0, for_s = 1.0 }}");
         let burst = changed("noise_n = 0.003", &burst).unwrap().load_cell.and_then(|cell| cell.glitches);
-        let expected = Glitches { in_a_row: 2, range_n: 50.0, from_s: 12.0, for_s: 1.0, ..usual };
+        let expected = CorruptSamples { in_a_row: 2, range_n: 50.0, from_s: 12.0, for_s: 1.0, ..usual };
         assert_eq!(burst, Some(expected));
         let scene = changed("latency_ms = {", "latency_ms = { spikes = { share = 0.02, ms = 200.0 },").unwrap();
         assert_eq!(scene.latencies.stage_spikes, Some(Spikes { share: 0.02, longer_s: 0.2 }));

@@ -3,7 +3,7 @@
 use super::keys::tilt_mm_per_mm;
 use palpate_core::mechanics::MOST_POISSON_RATIO;
 use palpate_document::{Bounds, keys, words};
-use palpate_sim::scene::{FaultKind, GlitchKind, Glitches, NoiseOf, SideAxes};
+use palpate_sim::scene::{CorruptSamples, FaultKind, GlitchKind, NoiseOf, SideAxes};
 
 pub(super) const ROTATION: Bounds = Bounds::within(-180.0, 180.0, "degrees");
 const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
@@ -277,7 +277,7 @@ keys! {
             "\"minus-one\"";
         share: Number(within(0.0, 1.0, "")), Refused, "share of the samples", "0.004";
         in_a_row: Whole(1, 1_000_000), or_whole(1), "successive samples of each event", "2";
-        range_n: Number(Bounds::above(0.0, 100_000.0, "N")), or(Glitches::USUAL_RANGE_N), "force of 2^23 counts; a device that sends counts has its own", "20.0";
+        range_n: Number(Bounds::above(0.0, 100_000.0, "N")), or(CorruptSamples::USUAL_RANGE_N), "force of 2^23 counts; a device that sends counts has its own", "20.0";
         from_s: Number(within(0.0, 1e9, "s")), or(0.0), "start of the events, from the opening of the rig", "12.0";
         for_s: Number(within(0.0, 1e9, "s")), Allowed, "time in which events begin; without it, always", "1.0";
     }

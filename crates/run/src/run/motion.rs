@@ -86,11 +86,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         // a ramp has one speed from its beginning to its end; outside a press nothing is near; from a stop near the end of the travel a rounding leads beyond it
         let Range { min, max } = self.usage.travel.along(Axis::Z);
         let is_to_end = (target_mm - min).min(max - target_mm) < TO_END_MM;
-        let goes_on = reads_outputs || press.is_none() || (is_to_end && !is_toward);
+        let continues = reads_outputs || press.is_none() || (is_to_end && !is_toward);
         for doubts in 0..=DOUBTS_MOST {
             let steer = |force_n, now_s| press.as_mut().map_or(Steer::On, |press| press.see(force_n, now_s));
             let (targets, way_mm) = ([(Axis::Z, target_mm)], target_mm - self.stage_z_mm(self.z_mm));
-            let on_doubt = if goes_on || doubts == DOUBTS_MOST { OnDoubt::Continue } else { OnDoubt::Stop };
+            let on_doubt = if continues || doubts == DOUBTS_MOST { OnDoubt::Continue } else { OnDoubt::Stop };
             let driven = self.drive(&targets, (granted.speed_mm_s(), on_doubt), way_mm, reads_outputs, steer).await?;
             if !driven.stopped {
                 self.arrived_z(driven.places_mm.first().copied(), target_mm).await?;

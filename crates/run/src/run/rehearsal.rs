@@ -2,6 +2,7 @@
 //! works, and how long it takes.
 
 use super::checks::{CheckTimes, expected_checks};
+use super::motion::way_mm;
 use super::{Cancel, Halt, Listener, RunJob, execute_on};
 use crate::rig::RigSpec;
 use palpate_control::{DragLimits, MotionProfile, OverTime, PressTask, Trip};
@@ -52,10 +53,8 @@ pub struct Rehearsal {
 /// End of a rehearsal before its last press.
 #[derive(Clone, Debug)]
 pub struct EarlyEnd {
-    /// Number of the press that was under way; `None` before the first and after the last one.
-    pub press: Option<u64>,
-    /// Place of this press.
-    pub place: Option<Place>,
+    /// Number and place of the press that was under way; `None` before the first and after the last one.
+    pub press: Option<(u64, Place)>,
     /// The trip, if a safety rule was broken.
     pub trip: Option<Trip>,
     /// The reason.
@@ -63,14 +62,10 @@ pub struct EarlyEnd {
 }
 
 impl Rehearsal {
-    /// Expected time of all checks, s.
-    pub fn checks_s(&self) -> f64 {
-        self.check_s * self.checks.len() as f64
-    }
-
     /// Expected time from the beginning until the stage is parked, s.
     pub fn total_s(&self) -> f64 {
-        self.ready_s + self.entries_s.iter().sum::<f64>() + self.checks_s() + self.parked_s
+        let checks_s = self.check_s * self.checks.len() as f64;
+        self.ready_s + self.entries_s.iter().sum::<f64>() + checks_s + self.parked_s
     }
 
     /// Expected time of a press, s: the median.
@@ -164,8 +159,7 @@ impl Performed {
         let entries = &plan.entries;
         let travel_s = |from: usize, to: Option<&usize>| {
             let Some(&to) = to.filter(|to| **to < entries.len()) else { return 0.0 };
-            let [from, to] = [entries[from].place, entries[to].place];
-            let way_mm = (to.x_mm - from.x_mm).abs().max((to.y_mm - from.y_mm).abs());
+            let way_mm = way_mm(entries[from].place, entries[to].place);
             MotionProfile::new(way_mm, spec.stage.speed_mm_s, spec.stage.acceleration_mm_s2).duration_s()
         };
         // nobody waits after the last press
@@ -206,10 +200,8 @@ impl Performed {
         let checks = check_s
             .map_or_else(Vec::new, |check_s| expected_checks(plan, &CheckTimes { entries_s: &entries_s, check_s }));
         let under_way = chosen.get(self.recorded_s.len()).filter(|_| self.begins_s.len() > self.recorded_s.len());
-        let under_way = under_way.map(|&index| &entries[index]);
         let early = self.early.map(|(trip, text)| EarlyEnd {
-            press: under_way.map(|entry| entry.press),
-            place: under_way.map(|entry| entry.place),
+            press: under_way.map(|&index| (entries[index].press, entries[index].place)),
             trip,
             text,
         });
@@ -229,15 +221,13 @@ impl Performed {
 /// of two in their largest force and depth.
 fn kinds(plan: &Plan) -> Vec<usize> {
     let mut first: Vec<&Entry> = Vec::new();
-    let kind = |entry: &Entry, first: &mut Vec<&Entry>| first.iter().position(|other| is_alike(other, entry));
-    let mut found = Vec::with_capacity(plan.entries.len());
-    for entry in &plan.entries {
-        found.push(kind(entry, &mut first).unwrap_or_else(|| {
+    let kind = |entry| {
+        first.iter().position(|other| is_alike(other, entry)).unwrap_or_else(|| {
             first.push(entry);
             first.len() - 1
-        }));
-    }
-    found
+        })
+    };
+    plan.entries.iter().map(kind).collect()
 }
 
 fn is_alike(a: &Entry, b: &Entry) -> bool {

@@ -227,8 +227,8 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             self.due().await?;
             readings.push(self.cell.read().await?);
         }
-        let (readings, left_out) = without_glitches(&readings)?;
-        self.believed.iter_mut().for_each(|believed| believed.count(count, left_out));
+        let (readings, glitches) = without_glitches(&readings)?;
+        self.believed.iter_mut().for_each(|believed| believed.count(&glitches));
         readings.iter().try_for_each(check_sound)?;
         Ok(readings)
     }

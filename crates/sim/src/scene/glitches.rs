@@ -13,7 +13,7 @@ const LOW_BITS: std::ops::RangeInclusive<u32> = 16..=23;
 /// Corrupt samples of a load cell. A sample is a conversion that is read: conversions that no reader asks for don't count, and a
 /// corrupt conversion stays corrupt for every reading of it. With three axes only the press axis has corrupt samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Glitches {
+pub struct CorruptSamples {
     /// What the samples are instead.
     pub kind: GlitchKind,
     /// Share of the samples that are corrupt, 1.
@@ -29,13 +29,13 @@ pub struct Glitches {
     pub for_s: f64,
 }
 
-impl Glitches {
+impl CorruptSamples {
     /// Range of a usual cell on an HX711, N: 400,000 counts for one newton.
     pub const USUAL_RANGE_N: f64 = 20.0;
 
     /// Returns single corrupt samples at any time.
     pub fn of(kind: GlitchKind, share: f64) -> Self {
-        Glitches { kind, share, in_a_row: 1, range_n: Self::USUAL_RANGE_N, from_s: 0.0, for_s: f64::INFINITY }
+        CorruptSamples { kind, share, in_a_row: 1, range_n: Self::USUAL_RANGE_N, from_s: 0.0, for_s: f64::INFINITY }
     }
 
     /// Probability that an event begins at a sample that is in none, so that the share of all samples is as stated.
@@ -103,14 +103,14 @@ impl Glitch {
 /// State of the corrupt samples. They have their own random stream, so the other readings stay what they are without them.
 #[derive(Clone)]
 pub(super) struct GlitchState {
-    spec: Glitches,
+    spec: CorruptSamples,
     rng: RandomStream,
     /// Event under way, and the number of its samples that are left.
     event: Option<(Glitch, u32)>,
 }
 
 impl GlitchState {
-    pub(super) fn new(spec: Glitches) -> Self {
+    pub(super) fn new(spec: CorruptSamples) -> Self {
         GlitchState { spec, rng: stream(0, 0), event: None }
     }
 
@@ -121,7 +121,7 @@ impl GlitchState {
 
     /// Takes the next sample, which was converted at a time, and returns what happens to it.
     pub(super) fn strike(&mut self, at_s: f64) -> Option<Glitch> {
-        let Glitches { kind, in_a_row, range_n, from_s, for_s, .. } = self.spec;
+        let CorruptSamples { kind, in_a_row, range_n, from_s, for_s, .. } = self.spec;
         let (glitch, left) = match self.event.take() {
             Some(event) => event,
             None => {
@@ -176,7 +176,7 @@ mod tests {
     }
 
     /// Corrupt samples of successive ones, 1 ms apart.
-    fn struck(spec: Glitches, samples: u32) -> Vec<bool> {
+    fn struck(spec: CorruptSamples, samples: u32) -> Vec<bool> {
         let mut state = GlitchState::new(spec);
         state.begin(1, 1);
         (0..samples).map(|nth| state.strike(f64::from(nth) / 1000.0).is_some()).collect()
@@ -185,7 +185,7 @@ mod tests {
     #[test]
     fn share_is_that_of_the_samples_for_any_length_of_the_events() {
         for (share, in_a_row) in [(0.0, 1), (0.004, 1), (0.1, 1), (0.1, 3), (0.5, 7), (1.0, 2)] {
-            let found = struck(Glitches { in_a_row, ..Glitches::of(GlitchKind::MinusOne, share) }, 200_000);
+            let found = struck(CorruptSamples { in_a_row, ..CorruptSamples::of(GlitchKind::MinusOne, share) }, 200_000);
             let found = found.iter().filter(|is_corrupt| **is_corrupt).count() as f64 / 200_000.0;
             // four standard deviations of a binomial share, times the length of the events
             let most = 4.0 * f64::from(in_a_row) * (share * (1.0 - share) / 200_000.0).sqrt();
@@ -195,7 +195,8 @@ mod tests {
 
     #[test]
     fn events_have_their_length_and_begin_in_their_time() {
-        let spec = Glitches { in_a_row: 3, from_s: 1.0, for_s: 0.5, ..Glitches::of(GlitchKind::MinusOne, 0.01) };
+        let spec =
+            CorruptSamples { in_a_row: 3, from_s: 1.0, for_s: 0.5, ..CorruptSamples::of(GlitchKind::MinusOne, 0.01) };
         let found = struck(spec, 3000);
         let first = found.iter().position(|is_corrupt| *is_corrupt).expect("one event");
         let last = found.iter().rposition(|is_corrupt| *is_corrupt).expect("one event");

@@ -25,7 +25,7 @@ mod weight;
 
 pub use faults::{FaultKind, SceneFault};
 pub use friction::Friction;
-pub use glitches::{GlitchKind, Glitches};
+pub use glitches::{CorruptSamples, GlitchKind};
 pub use monitored::Monitored;
 pub use motion::Trajectory;
 pub use skin::{

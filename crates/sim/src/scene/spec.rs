@@ -2,7 +2,7 @@
 
 use super::faults::SceneFault;
 use super::friction::Friction;
-use super::glitches::Glitches;
+use super::glitches::CorruptSamples;
 use super::skin::SkinSpec;
 use super::temperature::Temperature;
 use palpate_core::quantity::{ArrayLayout, Frame, GRAVITY_M_S2, Place, Position, Tilt};
@@ -203,7 +203,7 @@ pub struct LoadCellScene {
     /// How the axes x and y of a cell with three axes differ from what the rig states.
     pub side_axes: SideAxes,
     /// Corrupt samples; `None`: no such samples.
-    pub glitches: Option<Glitches>,
+    pub glitches: Option<CorruptSamples>,
 }
 
 /// Difference of the axes x and y from what the rig states.

@@ -119,7 +119,7 @@ impl BoardFirmware for Hx711 {
 mod tests {
     use super::*;
     use crate::emulator::tests::{pressed, scene, scene_with};
-    use crate::scene::{GlitchKind, Glitches, LoadCellScene};
+    use crate::scene::{CorruptSamples, GlitchKind, LoadCellScene};
 
     fn line(sketch: Hx711Sketch, force_n: f64) -> String {
         let mut firmware = Hx711::new(sketch, Hx711::FAST_HZ);
@@ -159,7 +159,7 @@ mod tests {
             (GlitchKind::FullScale, "8388607\r\n"),
             (GlitchKind::SignTurned, "-8304608\r\n"),
         ] {
-            let glitches = Some(Glitches::of(kind, 1.0));
+            let glitches = Some(CorruptSamples::of(kind, 1.0));
             let cell = LoadCellScene { glitches, ..LoadCellScene::IDEAL };
             let mut firmware = Hx711::new(Hx711Sketch::Bare, Hx711::FAST_HZ);
             let reading = firmware.read(&mut scene_with(|spec| spec.load_cell = Some(cell)), 1.0);

@@ -102,7 +102,7 @@ fn a_surface_that_creeps_changes_the_force_of_a_stage_at_rest() {
 #[test]
 fn a_corrupt_conversion_stays_corrupt_and_the_others_are_unchanged() {
     let noisy = LoadCellScene { noise_n: 0.003, offset_n: 0.21, ..LoadCellScene::IDEAL };
-    let glitches = Some(Glitches::of(GlitchKind::MinusOne, 0.1));
+    let glitches = Some(CorruptSamples::of(GlitchKind::MinusOne, 0.1));
     let (mut sound, mut corrupt) = (without_load(noisy), without_load(LoadCellScene { glitches, ..noisy }));
     let mut count = 0;
     for i in 1..1000 {
