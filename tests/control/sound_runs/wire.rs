@@ -14,33 +14,60 @@ pub(super) struct Wire {
     pub(super) aborts: fn(&[Vec<u8>]) -> usize,
     /// Whether this only asks where the stage is.
     is_question: fn(&[u8]) -> bool,
+    /// A request that states where z is, for a stage whose read-back is this much more than its place, mm.
+    counted: fn(&[u8], f64) -> Vec<u8>,
 }
 
-pub(super) const MARLIN: Wire =
-    Wire { aborts: |all| count(all, b"M410"), is_question: |bytes| has(bytes, b"M114") || has(bytes, b"M400") };
-pub(super) const GRBL: Wire = Wire { aborts: |all| count(all, b"!"), is_question: |bytes| bytes == b"?" };
+/// Other requests state no place.
+fn unchanged(request: &[u8], _: f64) -> Vec<u8> {
+    request.to_vec()
+}
+
+/// The same end from where z is. What wanders is the read-back at rest, so the place of the end counts.
+fn from_its_place(request: &[u8], by_mm: f64) -> Vec<u8> {
+    let Ok(mut request) = serde_json::from_slice::<serde_json::Value>(request) else { return request.to_vec() };
+    let [from_mm, way_mm] = ["from_mm", "by_mm"].map(|key| request[key]["z"].as_f64());
+    if let (Some(from_mm), Some(way_mm)) = (from_mm, way_mm) {
+        request["from_mm"]["z"] = (from_mm - by_mm).into();
+        request["by_mm"]["z"] = (way_mm + by_mm).into();
+    }
+    [request.to_string().as_bytes(), b"\n"].concat()
+}
+
+pub(super) const MARLIN: Wire = Wire {
+    aborts: |all| count(all, b"M410"),
+    is_question: |bytes| has(bytes, b"M114") || has(bytes, b"M400"),
+    counted: unchanged,
+};
+pub(super) const GRBL: Wire =
+    Wire { aborts: |all| count(all, b"!"), is_question: |bytes| bytes == b"?", counted: unchanged };
 pub(super) const KLIPPER: Wire = Wire {
     aborts: |all| count(all, b"printer.emergency_stop"),
     is_question: |bytes| has(bytes, b"printer.objects.query"),
+    counted: unchanged,
 };
 pub(super) const ESP301: Wire = Wire {
     aborts: |all| all.iter().filter(|bytes| bytes.trim_ascii() == b"AB").count(),
     is_question: |bytes| bytes.trim_ascii() == b"3TP",
+    counted: unchanged,
 };
 /// A group is killed and initialised before it homes.
 pub(super) const XPS: Wire = Wire {
     aborts: |all| count(all, b"GroupKill").saturating_sub(count(all, b"GroupInitialize")),
     is_question: |bytes| bytes.starts_with(b"GroupPositionCurrentGet"),
+    counted: unchanged,
 };
 /// The dashboard has a port of its own. A package of RTDE begins with its length, which is small.
 pub(super) const ARM: Wire = Wire {
     aborts: |all| all.iter().filter(|bytes| bytes.trim_ascii() == b"stop").count(),
     is_question: |bytes| bytes.first() == Some(&0),
+    counted: unchanged,
 };
 /// Its last resort is one more stop.
 pub(super) const PROGRAM: Wire = Wire {
     aborts: |all| all.windows(2).filter(|two| two.iter().all(|bytes| has(bytes, b"\"stop\""))).count(),
     is_question: |bytes| has(bytes, b"\"status\""),
+    counted: from_its_place,
 };
 
 /// A read-back that wanders while z rests in contact.
@@ -51,13 +78,19 @@ pub(super) struct Wander {
 }
 
 impl Wander {
-    /// The scene as the read-back has it; `None` if z moves, or is free.
-    fn shown(self, scene: &Scene, now_s: f64) -> Option<Scene> {
-        let (z, mut shown) = (scene.motion(Axis::Z), scene.clone());
-        if z.moving(now_s) || shown.true_force_n(now_s) == 0.0 {
+    /// How much more than the place of z the read-back is, mm; `None` if z moves, or is free.
+    fn by_mm(self, scene: &Scene, now_s: f64) -> Option<f64> {
+        let z = scene.motion(Axis::Z);
+        if z.moving(now_s) || scene.clone().true_force_n(now_s) == 0.0 {
             return None;
         }
-        let by_mm = self.amplitude_mm * (TAU * (now_s - z.end_s()) / self.period_s).sin();
+        Some(self.amplitude_mm * (TAU * (now_s - z.end_s()) / self.period_s).sin())
+    }
+
+    /// The scene as the read-back has it.
+    fn shown(self, scene: &Scene, now_s: f64) -> Option<Scene> {
+        let by_mm = self.by_mm(scene, now_s)?;
+        let (z, mut shown) = (scene.motion(Axis::Z), scene.clone());
         shown.set_motion(Axis::Z, Trajectory::at_rest(z.end_mm() + by_mm), now_s);
         Some(shown)
     }
@@ -95,12 +128,15 @@ impl Tap {
 
 impl Observer for Tap {
     fn answer(&self, stage: &mut dyn Instrument, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
-        if !(self.wire.is_question)(request) {
-            let mut seen = self.seen.lock().expect("a device that lives");
-            seen.received.push(request.to_vec());
-            seen.last_s = now_s;
+        if (self.wire.is_question)(request) {
+            return self.act(scene, now_s, |scene| stage.answer(request, scene, now_s));
         }
-        self.act(scene, now_s, |scene| stage.answer(request, scene, now_s))
+        let mut seen = self.seen.lock().expect("a device that lives");
+        seen.received.push(request.to_vec());
+        let rested = now_s > seen.last_s + BEGUN_S;
+        seen.last_s = now_s;
+        let by_mm = self.wander.filter(|_| rested).and_then(|wander| wander.by_mm(scene, now_s));
+        stage.answer(&(self.wire.counted)(request, by_mm.unwrap_or(0.0)), scene, now_s)
     }
 
     fn owed(&self, stage: &mut dyn Instrument, scene: &mut Scene, now_s: f64) -> Owed {

@@ -181,21 +181,26 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         self.stopped_by_doubt
     }
 
-    /// Returns the next reading; `None` if it is left out.
-    async fn next_reading(&mut self) -> Result<Option<ForceReading>, Halt> {
+    /// Returns the next reading, and the one before if it counts too late; `None` if it is left out.
+    async fn next_reading(&mut self) -> Result<Option<(Option<ForceReading>, ForceReading)>, Halt> {
         self.due().await?;
         let reading = self.cell.read().await?;
-        let Some(believed) = &mut self.believed else { return Ok(Some(reading)) };
+        let Some(believed) = &mut self.believed else { return Ok(Some((None, reading))) };
         if self.motion.is_none() && Instant::now() > self.settled + self.cell.conversion() {
             believed.moves(0.0);
         }
         let belief = believed.take(&reading, self.watch.zero())?;
-        if let Belief::Believed(reading) = belief {
-            return Ok(Some(reading));
+        let (is_doubted, counts) = match belief {
+            Belief::Believed(reading) => (false, Some((None, reading))),
+            Belief::LeftOut => (false, None),
+            Belief::Doubted => (true, None),
+            Belief::Rises([earlier, reading]) => (true, Some((Some(earlier), reading))),
+        };
+        self.stopped_by_doubt |= is_doubted && self.motion == Some(OnDoubt::Stop);
+        if counts.is_none() {
+            self.watch.heard(reading.at_s);
         }
-        self.watch.heard(reading.at_s);
-        self.stopped_by_doubt |= belief == Belief::Doubted && self.motion == Some(OnDoubt::Stop);
-        Ok(None)
+        Ok(counts)
     }
 
     /// Waits until the cell's next conversion is due.
@@ -236,7 +241,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
     /// Returns the next sound reading, which is no force yet.
     pub(super) async fn sound_reading(&mut self) -> Result<ForceReading, Halt> {
         loop {
-            if let Some(reading) = self.next_reading().await? {
+            if let Some((_, reading)) = self.next_reading().await? {
                 check_sound(&reading)?;
                 return Ok(reading);
             }
@@ -254,7 +259,11 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
 
     /// Returns the next force, N from the zero; `None` if the reading is left out.
     pub(super) async fn heard_n(&mut self) -> Result<Option<f64>, Halt> {
-        Ok(self.next_reading().await?.map(|reading| self.watched(&reading)).transpose()?)
+        let Some((earlier, reading)) = self.next_reading().await? else { return Ok(None) };
+        if let Some(earlier) = earlier {
+            self.watched(&earlier)?;
+        }
+        Ok(Some(self.watched(&reading)?))
     }
 
     /// Returns a reading's force, N from the zero.
@@ -328,7 +337,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         }
         let least_s = self.watch.zero().mean_s(NO_LOAD_LEAST_S);
         while self.no_load.count() < NO_LOAD_READINGS || self.no_load.span_s() < least_s {
-            let Some(reading) = self.next_reading().await? else { continue };
+            let Some((_, reading)) = self.next_reading().await? else { continue };
             let force_n = self.watch.no_load_n(&reading)?;
             self.take(&reading, force_n);
         }
