@@ -199,7 +199,13 @@ fn contact(press: u64) -> RecordedContact {
     let learned_contact =
         Some(LearnedContact::Touch { place: Place::new(1.0, -1.0), z_mm: 0.0, path: vec![(0.1, 0.1)] });
     let no_load = |n: f64| {
-        let force = NoLoadReadings { mean_n: 1e-4 * n, sigma_n: 0.003, readings: 150, age_s: 0.07, side_mean_n: None };
+        let force = NoLoadReadings {
+            mean_n: 1e-4 * n,
+            sigma_n: 0.003,
+            readings: 150,
+            age_s: 0.07,
+            ..NoLoadReadings::default()
+        };
         NoLoad { force, outputs: vec![1e-5 * n; UNITS] }
     };
     let (no_load_before, no_load_after) = (no_load(press as f64), no_load(press as f64 + 1.0));

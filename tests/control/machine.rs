@@ -307,7 +307,13 @@ fn drive_plausibly(seed: u64) -> (u64, MachineDriven) {
     let mut output = MachineTranscript::at(start_mm);
     let mut event = LoopEvent::Begin {
         z_mm: start_mm,
-        no_load: NoLoadReadings { mean_n: 0.0, sigma_n, readings: NO_LOAD_READINGS, age_s: 0.0, side_mean_n: None },
+        no_load: NoLoadReadings {
+            mean_n: 0.0,
+            sigma_n,
+            readings: NO_LOAD_READINGS,
+            age_s: 0.0,
+            ..NoLoadReadings::default()
+        },
     };
     let (mut steps, mut deepest) = (0, f64::NEG_INFINITY);
     let mut broken = Vec::new();
@@ -398,7 +404,7 @@ fn drive_with_garbage(seed: u64) -> (u64, MachineDraw, MachineTranscript, Vec<&'
                 sigma_n,
                 readings: if sound { NO_LOAD_READINGS } else { 0 },
                 age_s: 0.0,
-                side_mean_n: None,
+                ..NoLoadReadings::default()
             },
         }
     };
@@ -543,7 +549,7 @@ fn finished_press_requests_no_motion() {
             sigma_n: draw.context.zero.sigma_n,
             readings: NO_LOAD_READINGS,
             age_s: 0.0,
-            side_mean_n: None,
+            ..NoLoadReadings::default()
         };
         for event in [
             LoopEvent::Averaged { force_n },

@@ -182,7 +182,7 @@ impl Believed {
         }
         let Some(last) = &self.last else { return true };
         let apart_s = (reading.at_s - last.at_s).max(0.0);
-        let last_n = last.force_n - zero.offset_n;
+        let last_n = zero.from_zero_n(last);
         let (jolt_n, moved_n) = match self.speed_mm_s > 0.0 {
             true => (self.jolt_n, self.stiffness_n_mm * self.speed_mm_s * (apart_s + self.conversion_s)),
             false => (0.0, 0.0),
@@ -222,7 +222,7 @@ impl Believed {
             if self.is_possible(&reading, zero) {
                 continue;
             }
-            self.glitches.leave_out(reading.force_n - zero.offset_n);
+            self.glitches.leave_out(zero.from_zero_n(&reading));
         }
         let Glitches { readings, left_out, .. } = self.glitches;
         let share = left_out as f64 / readings as f64;

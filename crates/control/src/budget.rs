@@ -36,6 +36,8 @@ pub struct Averaged {
     pub seconds: f64,
     /// No-load readings before the press and after the press.
     pub no_loads: [NoLoadReadings; 2],
+    /// Move of the zero from the first to the second, beyond the drift that was corrected, N.
+    pub moved_n: f64,
     /// Position of the window between the two no-load readings, 0 to 1.
     pub share: f64,
 }
@@ -43,11 +45,11 @@ pub struct Averaged {
 impl UncertaintyBudget {
     /// Returns the budget of a force; `cell_n` is the load cell's own standard uncertainty at this force.
     pub fn of(averaged: &Averaged, zero: &Zero, cell_n: Option<f64>) -> UncertaintyBudget {
-        let Averaged { readings, seconds, no_loads: [before, after], share } = *averaged;
+        let Averaged { readings, seconds, no_loads: [before, after], moved_n, share } = *averaged;
         let of_mean = |readings: u32| zero.noise_of_mean_n(readings);
         let (before_n, after_n) = (of_mean(before.readings), of_mean(after.readings));
         // if two means differ by more than their noise, the rest is a change of the zero
-        let moved_2 = (after.mean_n - before.mean_n).powi(2) - before_n.powi(2) - after_n.powi(2);
+        let moved_2 = moved_n.powi(2) - before_n.powi(2) - after_n.powi(2);
         let noise_2 = ((1.0 - share) * before_n).powi(2) + (share * after_n).powi(2);
         let step_n = zero.step_n / 12f64.sqrt();
         // steps smaller than the noise are averaged out with it
@@ -100,8 +102,15 @@ mod tests {
     use crate::MainsInterference;
 
     fn averaged(after_n: f64) -> Averaged {
-        let no_load = |mean_n| NoLoadReadings { mean_n, sigma_n: 0.003, readings: 100, age_s: 0.05, side_mean_n: None };
-        Averaged { readings: 225, seconds: 0.2, no_loads: [no_load(0.0), no_load(after_n)], share: 0.5 }
+        let no_load =
+            |mean_n| NoLoadReadings { mean_n, sigma_n: 0.003, readings: 100, age_s: 0.05, ..NoLoadReadings::default() };
+        Averaged {
+            readings: 225,
+            seconds: 0.2,
+            no_loads: [no_load(0.0), no_load(after_n)],
+            moved_n: after_n,
+            share: 0.5,
+        }
     }
 
     #[test]

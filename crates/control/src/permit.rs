@@ -1,6 +1,7 @@
 //! Permitted motions.
 
 use super::drag::DragLimits;
+use super::drift::Drift;
 use super::speed::safe_speed_mm_s;
 use super::trip::{SafetyRule, Trip};
 use super::zero::Zero;
@@ -24,6 +25,8 @@ const HARD_SIGMAS: f64 = 6.0;
 /// drift is twice that of a cell that warms up. A larger or sudden move isn't a drift.
 const NO_LOAD_N: f64 = 0.020;
 const DRIFT_N_S: f64 = 0.001;
+/// Largest move of a zero whose rate isn't known yet, as a fraction of the force limit.
+const UNKNOWN_SHARE: f64 = 0.1;
 /// Additional apparent drift that is allowed before a first touch, in sd of a mean.
 const DRIFT_SIGMAS: f64 = 4.0;
 
@@ -208,18 +211,21 @@ impl Permit {
         first_mm + depth_without_force_mm(&self.limits) - self.stage.steps.reserve_mm()
     }
 
-    /// Checks that the newest air differs from the earlier air by no more than a zero drifts in the time between (I4).
+    /// Checks that the newest air differs from the earlier air, and the drift that it showed, by no more than a zero drifts besides in the time
+    /// between (I4).
     ///
     /// # Errors
     /// A trip if the difference is larger.
-    pub(crate) fn zero_holds(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
-        moved_no_further(SafetyRule::ZeroDrifted, moved_n, NO_LOAD_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
+    pub(crate) fn zero_holds(&self, moved_n: f64, sigma_n: f64, between_s: f64, drift: Drift) -> Result<(), Trip> {
+        let unknown_n = (drift.unknown_n_s() * between_s).min(UNKNOWN_SHARE * self.limits.force_n);
+        let most_n = NO_LOAD_N + 3.0 * sigma_n + DRIFT_N_S * between_s + unknown_n;
+        moved_no_further(SafetyRule::ZeroDrifted, moved_n, most_n)
     }
 
-    /// Whether the reading without load moved no further than a zero drifts in the time between. A larger change may be a touch that is too
-    /// light to count as contact. `sigma_n` is the standard deviation of the newer mean, N.
-    pub fn is_drift(moved_n: f64, sigma_n: f64, between_s: f64) -> bool {
-        moved_n.abs() <= DRIFT_N_S * between_s + DRIFT_SIGMAS * sigma_n
+    /// Whether the reading without load moved no further than a zero drifts in the time between, besides the drift that it showed. A larger
+    /// change may be a touch that is too light to count as contact. `sigma_n` is the standard deviation of the newer mean, N.
+    pub fn is_drift(moved_n: f64, sigma_n: f64, between_s: f64, drift: Drift) -> bool {
+        moved_n.abs() <= DRIFT_N_S.max(drift.hidden_n_s()) * between_s + DRIFT_SIGMAS * sigma_n
     }
 
     /// Checks that the load cell's reading without load stays the same when z moves a little away or nearer, so no contact contributes

@@ -81,6 +81,9 @@ rules! {
     /// The force without load differs from the zero of the run.
     ZeroDrifted, "zero-drifted", doubts_load_cell: true,
         "check whether something touches the indenter, or the cell has drifted since it was zeroed";
+    /// The zero drifts so fast that it moves by a fifth of the force limit in a press.
+    Drifts, "drifts", doubts_load_cell: true,
+        "let the load cell warm up, away from drafts and motors; a drift in proportion to a larger force limit passes";
     /// The noise without load is too large a part of the force limit.
     Noisy, "noisy", doubts_load_cell: true,
         "check the cell for vibration, and that its range suits this force limit";

@@ -1,5 +1,6 @@
 //! Checks that every reading must pass.
 
+use super::drift::Drift;
 use super::press::NoLoadReadings;
 use super::side::SideWatch;
 use super::trip::{SafetyRule, Trip};
@@ -106,9 +107,9 @@ impl Watch {
         self.limit_n
     }
 
-    /// Makes forces relative to newer air from now on.
-    pub fn count_from(&mut self, no_load: &NoLoadReadings) {
-        self.zero = self.zero.counted_from(no_load);
+    /// Makes forces relative to newer air from now on, which drifts so.
+    pub fn count_from(&mut self, no_load: &NoLoadReadings, drift: Drift) {
+        self.zero = Zero { drift, ..self.zero }.counted_from(no_load);
         self.recent.clear();
         self.side.clear();
     }
@@ -156,7 +157,7 @@ impl Watch {
         }
         self.last_s = Some(reading.at_s);
         self.check_frozen(reading.force_n)?;
-        let force_n = reading.force_n - self.zero.offset_n;
+        let force_n = self.zero.from_zero_n(reading);
         self.check_mean(reading.at_s, force_n, within_n)?;
         if let (Some(side_n), Some(zero)) = (reading.side_n, &self.zero.side) {
             let count = self.recent.len();

@@ -1,5 +1,6 @@
 //! Zero of the load cell without load, and its noise.
 
+use super::drift::{Drift, ZeroLine};
 use super::mains::MainsInterference;
 use super::press::NoLoadReadings;
 use super::side::SideZero;
@@ -43,6 +44,10 @@ const STALE_MOST_S: f64 = 1.0;
 pub struct Zero {
     /// Reading at zero force, N.
     pub offset_n: f64,
+    /// Time of this reading by the readings' clock, s.
+    pub at_s: f64,
+    /// Drift of the offset from then on.
+    pub drift: Drift,
     /// Standard deviation of one reading, N, mains interference included.
     pub sigma_n: f64,
     /// Standard deviation of one reading without the part that a mean over complete periods removes, N.
@@ -69,6 +74,8 @@ impl Zero {
     pub const fn with_noise(sigma_n: f64) -> Zero {
         Zero {
             offset_n: 0.0,
+            at_s: 0.0,
+            drift: Drift { rate_n_s: 0.0, sigma_n_s: 0.0, hidden_n_s: 0.0 },
             sigma_n,
             noise_n: sigma_n,
             shared: 0.0,
@@ -86,7 +93,10 @@ impl Zero {
     pub fn of(readings: &[ForceReading], conversion_s: f64) -> Zero {
         let n = readings.len().max(2) as f64;
         let mean = readings.iter().map(|r| r.force_n).sum::<f64>() / n;
-        let variance = readings.iter().map(|r| (r.force_n - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        let at_s = readings.iter().map(|r| r.at_s).sum::<f64>() / n;
+        let drift = ZeroLine::of(readings).drift();
+        let off = |r: &ForceReading| r.force_n - mean - drift.rate_n_s * (r.at_s - at_s);
+        let variance = readings.iter().map(|r| off(r).powi(2)).sum::<f64>() / (n - 1.0);
         let mains = MainsInterference::find(readings, conversion_s);
         let averaged =
             mains.filter(|mains| mains.whole_s.is_some()).map_or(0.0, |mains| mains.amplitude_n.powi(2) / 2.0);
@@ -95,10 +105,12 @@ impl Zero {
         codes.sort_by(f64::total_cmp);
         Zero {
             offset_n: mean,
+            at_s,
+            drift,
             sigma_n: variance.sqrt(),
             noise_n,
             // mains interference is shared too, but averaged differently
-            shared: if mains.is_some() { 0.0 } else { shared(readings, mean) },
+            shared: if mains.is_some() { 0.0 } else { shared(readings, off) },
             gap_s: readings.windows(2).map(|pair| pair[1].at_s - pair[0].at_s).fold(0.0, f64::max),
             step_n: step_n(&codes),
             offset_sigma_n: noise_n / n.sqrt(),
@@ -112,8 +124,18 @@ impl Zero {
     #[must_use]
     pub(crate) fn counted_from(&self, no_load: &NoLoadReadings) -> Zero {
         let moved = |side: SideZero| SideZero { offset_n: no_load.side_mean_n.unwrap_or(side.offset_n), ..side };
-        let (offset_n, offset_sigma_n) = (no_load.mean_n, self.sigma_own_n(no_load.readings));
-        Zero { offset_n, offset_sigma_n, side: self.side.map(moved), ..*self }
+        let offset_sigma_n = self.sigma_own_n(no_load.readings).hypot(self.drift.sigma_n());
+        Zero { offset_n: no_load.mean_n, at_s: no_load.at_s, offset_sigma_n, side: self.side.map(moved), ..*self }
+    }
+
+    /// Reading at zero force at a time, N.
+    pub fn at_n(&self, at_s: f64) -> f64 {
+        self.offset_n + self.drift.rate_n_s * (at_s - self.at_s)
+    }
+
+    /// Force of a reading, N from the zero.
+    pub fn from_zero_n(&self, reading: &ForceReading) -> f64 {
+        reading.force_n - self.at_n(reading.at_s)
     }
 
     /// Time after which a reading is old, s.
@@ -155,8 +177,7 @@ impl Zero {
 }
 
 /// Correlation of readings with the next readings, 0 to [`SHARED_MOST`]. It is 0 unless it exceeds chance.
-fn shared(readings: &[ForceReading], mean_n: f64) -> f64 {
-    let off = |reading: &ForceReading| reading.force_n - mean_n;
+fn shared(readings: &[ForceReading], off: impl Fn(&ForceReading) -> f64) -> f64 {
     let following: f64 = readings.windows(2).map(|pair| off(&pair[0]) * off(&pair[1])).sum();
     let squares: f64 = readings.iter().map(|reading| off(reading).powi(2)).sum();
     let by_chance = SHARED_SIGMAS / (readings.len().max(1) as f64).sqrt();

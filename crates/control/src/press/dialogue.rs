@@ -2,6 +2,7 @@
 
 use super::soft::Softest;
 use crate::drag::PermittedDrag;
+use crate::drift::Drift;
 use crate::map::Shot;
 use crate::permit::{Permit, Permitted};
 use crate::speed::Timing;
@@ -155,6 +156,12 @@ pub struct NoLoadReadings {
     pub readings: u32,
     /// Time from the middle of the readings to their end, s.
     pub age_s: f64,
+    /// Middle of the readings by their own clock, s; 0 where they come from a journal.
+    #[serde(skip)]
+    pub at_s: f64,
+    /// Drift by which the forces of the press were corrected; `None`: no drift was shown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drift: Option<Drift>,
     /// Mean of the readings along x and y, N, as the cell reads them; `None` for a cell with one axis.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub side_mean_n: Option<[f64; 2]>,

@@ -12,6 +12,7 @@ mod soft;
 mod state;
 mod velocity;
 
+use super::drift::Drift;
 use super::map::LearnedContact;
 use super::permit::{DEPTH_MARGIN_MM, MotionContext, Permitted};
 use super::profile::MotionProfile;
@@ -213,13 +214,14 @@ impl ForceLoop {
         if !is_quiet {
             return Err(Trip::new(SafetyRule::Noisy, no_load.sigma_n, noise_n, "N"));
         }
-        let moved_n = no_load.mean_n - self.context.zero.offset_n;
+        let moved_n = no_load.mean_n - self.context.zero.at_n(no_load.at_s);
         let sigma_n = self.context.zero.sigma_mean_n(no_load.readings);
-        self.context.permit.zero_holds(moved_n, sigma_n, self.context.zero_age_s)?;
+        let (age_s, drift) = (self.context.zero_age_s, self.context.zero.drift);
+        self.context.permit.zero_holds(moved_n, sigma_n, age_s, drift)?;
         if let (Some(side), Some(mean_n)) = (self.context.zero.side, no_load.side_mean_n) {
             for (moved_n, axis_sigma_n) in side.from_zero(mean_n).into_iter().zip(side.sigma_n) {
                 let sigma_n = axis_sigma_n / f64::from(no_load.readings).sqrt();
-                self.context.permit.zero_holds(moved_n, sigma_n, self.context.zero_age_s)?;
+                self.context.permit.zero_holds(moved_n, sigma_n, age_s, Drift::default())?;
             }
         }
         self.context.zero = self.context.zero.counted_from(&no_load);

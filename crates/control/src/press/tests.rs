@@ -40,7 +40,8 @@ struct PressBench {
 
 fn bench(levels: Arc<[PressLevel]>, surface_mm: f64) -> PressBench {
     // readings of a 1 kHz cell between places
-    let no_load = NoLoadReadings { mean_n: 0.0, sigma_n: 0.003, readings: 150, age_s: 0.075, side_mean_n: None };
+    let no_load =
+        NoLoadReadings { mean_n: 0.0, sigma_n: 0.003, readings: 150, age_s: 0.075, ..NoLoadReadings::default() };
     let map = ContactMap::new(0.3);
     let (strategy, place, least_n_mm) = (Strategy::Guarded, Place::default(), None);
     PressBench { levels, strategy, tolerance_n: 0.05, map, surface_mm, no_load, place, least_n_mm, lag_s: 0.0 }
@@ -282,8 +283,13 @@ fn soft_or_missing_specimen_trips_within_the_permitted_depth() {
 
 #[test]
 fn drifted_zero_or_increased_noise_permits_no_motion() {
-    let quiet =
-        NoLoadReadings { mean_n: 0.0, sigma_n: 0.003, readings: NO_LOAD_READINGS, age_s: 0.0, side_mean_n: None };
+    let quiet = NoLoadReadings {
+        mean_n: 0.0,
+        sigma_n: 0.003,
+        readings: NO_LOAD_READINGS,
+        age_s: 0.0,
+        ..NoLoadReadings::default()
+    };
     for (no_load, rule) in [
         (NoLoadReadings { mean_n: -0.04, ..quiet }, SafetyRule::ZeroDrifted),
         (NoLoadReadings { mean_n: 0.04, ..quiet }, SafetyRule::ZeroDrifted),

@@ -5,7 +5,7 @@ use super::execute::{Runner, Standby};
 use super::past::{Past, TouchedPlace};
 use super::shift::sideways_shift;
 use crate::rig::Home;
-use palpate_control::{MotionContext, PressTask, SafetyRule, Strategy, TRAVEL_CLEARANCE_MM, Trip};
+use palpate_control::{MotionContext, NoLoadReadings, PressTask, SafetyRule, Strategy, TRAVEL_CLEARANCE_MM, Trip};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{NoLoad, Record, Retouch};
 use palpate_data::recipe::Plan;
@@ -96,7 +96,7 @@ impl Runner<'_> {
         if self.rig_control.z_mm < back_mm {
             let sensor_state = MotionContext {
                 z_mm: self.rig_control.z_mm,
-                force_n: now.mean_n - zero.offset_n,
+                force_n: now.mean_n - zero.at_n(now.at_s),
                 sigma_n: zero.sigma_mean_n(now.readings),
                 age_s: self.rig_control.cell.age_s(),
                 first_mm,
@@ -106,11 +106,16 @@ impl Runner<'_> {
             self.rig_control.move_z(granted, None).await?;
             self.rig_control.cell.settle().await?;
         }
+        // an earlier process had another clock
+        let of_now = |before: NoLoad| match before.force.at_s > 0.0 {
+            true => before,
+            false => NoLoad { force: NoLoadReadings { at_s: now.at_s, ..before.force }, ..before },
+        };
         let is_same = |before: &NoLoad| {
             let most_n = SAME_SIGMAS * zero.sigma_mean_n(now.readings).hypot(zero.sigma_mean_n(before.force.readings));
-            (now.mean_n - before.force.mean_n).abs() <= most_n
+            (now.mean_n - before.force.mean_n - zero.drift.rate_n_s * (now.at_s - before.force.at_s)).abs() <= most_n
         };
-        self.standby = Some(Standby { no_load: before.no_load.filter(is_same), ..before });
+        self.standby = Some(Standby { no_load: before.no_load.map(of_now).filter(is_same), ..before });
         Ok(())
     }
 }

@@ -162,7 +162,10 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
                 felt,
                 checks: Checking::default(),
             };
-            ending.halt = runner.begin(past, devices, &zero).await.err();
+            ending.halt = match runner.begin(past, devices, &zero).await.err() {
+                Some(Halt::Tripped(trip)) => Some(runner.rig_control.cell.unless_it_drifts(trip).await.into()),
+                halt => halt,
+            };
             ending.glitches = runner.rig_control.cell.glitches();
             // the stage was stopped before a trip was reported; a program that is killed while it parks has tripped all the same
             let peaks = runner.rig_control.press_truth().map(PressTruth::peaks);

@@ -415,7 +415,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
                     self.must_rest().await?;
                 }
                 cancel.check()?;
-                moved?.map_err(Unmoved::Stage)
+                match moved {
+                    Err(Halt::Tripped(trip)) => Err(Halt::from(self.cell.unless_it_drifts(trip).await).into()),
+                    moved => moved?.map_err(Unmoved::Stage),
+                }
             }
             None => {
                 // it may not follow its orders yet, so its result can't be known
@@ -474,7 +477,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         self.cell.settle().await?;
         let (there, _) = at_rest(&mut self.cell).await?;
         let sigma_n = here.offset_sigma_n.hypot(there.offset_sigma_n);
-        permit.nothing_in_contact(there.offset_n - here.offset_n, sigma_n, taken.elapsed().as_secs_f64())?;
+        let (moved_n, between_s) = (there.offset_n - here.offset_n, taken.elapsed().as_secs_f64());
+        if let Err(trip) = permit.nothing_in_contact(moved_n, sigma_n, between_s) {
+            // a fast drift moves it too, and is seen at rest
+            let Zero { drift, .. } = self.cell.still().await.ok_or(trip)?;
+            let sigma_n = sigma_n.hypot(drift.sigma_n_s * between_s);
+            permit.nothing_in_contact(moved_n - drift.rate_n_s * between_s, sigma_n, between_s)?;
+        }
         let back = match is_farther {
             true => toward(self.z_mm, from_mm)?,
             false => permit.retract(self.z_mm, self.within_mm(from_mm, spec.end_mm()), speed_mm_s)?,

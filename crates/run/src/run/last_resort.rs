@@ -36,10 +36,10 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
     /// Reads until the force continues to rise beyond the limit, or what is awaited meanwhile is over. Returns whether it rose.
     pub(super) async fn rises_beyond(&mut self, over: &Notify) -> bool {
         let (zero, least_n) = (self.watch.zero(), LAST_RESORT_SHARE * self.watch.limit_n());
-        let (zero_n, rise_n) = (zero.offset_n, RISE_SIGMAS * zero.sigma_n);
+        let (zero, rise_n) = (*zero, RISE_SIGMAS * zero.sigma_n);
         let mut first_n = None;
         while let Some(read) = self.reading_until(over).await {
-            let force_n = read.ok().filter(|read| check_sound(read).is_ok()).map(|read| read.force_n - zero_n);
+            let force_n = read.ok().filter(|read| check_sound(read).is_ok()).map(|read| zero.from_zero_n(&read));
             match (force_n.filter(|force_n| *force_n > least_n), first_n) {
                 (None, _) => first_n = None,
                 (Some(now_n), None) => first_n = Some(now_n),

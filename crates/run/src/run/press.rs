@@ -99,13 +99,13 @@ impl Runner<'_> {
         if let Some(next) = next {
             self.go_to(next).await?; // a staircase that ended without load hasn't moved
         }
-        let after = self.no_load_after(&pressed.no_load).await?;
+        let after = self.no_load_after().await?;
         self.rig_control.cell.watch.pause();
         let Pressed { levels: mut held, no_load: before, no_load_s, touched_mm, learned_contact, followed } = pressed;
         let moved = ZeroMoved {
             from_s: no_load_s,
             to_s: self.rig_control.cell.now_s() - after.force.age_s,
-            by_n: after.force.mean_n - before.force.mean_n,
+            by_n: after.force.mean_n - self.rig_control.cell.watch.zero().at_n(after.force.at_s),
             side_by_n: after
                 .force
                 .side_mean_n
@@ -149,7 +149,8 @@ impl Runner<'_> {
     fn budget(&self, held: &MeasuredLevel, no_loads: [&NoLoad; 2], moved: &ZeroMoved) -> UncertaintyBudget {
         let MeasuredWindow { force_n, middle_s, forces, seconds, .. } = held.window;
         let share = moved.share(middle_s);
-        let averaged = Averaged { readings: forces, seconds, no_loads: no_loads.map(|no_load| no_load.force), share };
+        let no_loads = no_loads.map(|no_load| no_load.force);
+        let averaged = Averaged { readings: forces, seconds, no_loads, moved_n: moved.by_n, share };
         let cell = &self.conditions.spec.load_cell;
         let cell_n = match held.window.side_n {
             Some([x_n, y_n]) => cell.axes_uncertainty_n([x_n, y_n, force_n]).map(|u_n| u_n[2]),
@@ -176,7 +177,8 @@ impl Runner<'_> {
         [0, 1].map(|axis| {
             let mean_n = |no_load: &NoLoad| no_load.force.side_mean_n.map_or(0.0, |mean_n| mean_n[axis]);
             let no_loads = no_loads.map(|no_load| NoLoadReadings { mean_n: mean_n(no_load), ..no_load.force });
-            let averaged = Averaged { readings, seconds, no_loads, share: moved.share(middle_s) };
+            let moved_n = no_loads[1].mean_n - no_loads[0].mean_n;
+            let averaged = Averaged { readings, seconds, no_loads, moved_n, share: moved.share(middle_s) };
             let zero = Zero::with_noise(side.sigma_n[axis]);
             let budget = UncertaintyBudget::of(&averaged, &zero, cell_n.map(|u_n| u_n[axis]));
             UncertaintyBudget { temperature_n: self.temperature_n([x_n, y_n][axis]), ..budget }.u_n()
@@ -185,10 +187,11 @@ impl Runner<'_> {
 
     /// Reads the load cell without load after a press. If the specimen seems to pull at the cell, the cell may stick to it, so it is read
     /// again from farther away.
-    async fn no_load_after(&mut self, before: &NoLoad) -> Result<NoLoad, Halt> {
+    async fn no_load_after(&mut self) -> Result<NoLoad, Halt> {
         let no_load = self.rig_control.end_no_load().await?;
-        let sigma_n = self.rig_control.cell.watch.zero().sigma_mean_n(no_load.force.readings);
-        if before.force.mean_n - no_load.force.mean_n <= STICKS_N + STICKS_SIGMAS * sigma_n {
+        let zero = self.rig_control.cell.watch.zero();
+        let sigma_n = zero.sigma_mean_n(no_load.force.readings);
+        if zero.at_n(no_load.force.at_s) - no_load.force.mean_n <= STICKS_N + STICKS_SIGMAS * sigma_n {
             return Ok(no_load);
         }
         let (from_mm, speed_mm_s) = (self.rig_control.z_mm, self.rig_control.usage.speed_mm_s);
@@ -220,7 +223,7 @@ impl Runner<'_> {
         let end = task.drag().map_or(place, |drag| drag.end(place));
         let first_mm = self.map.first_on_way_mm(place, next).min(self.map.first_on_way_mm(end, next));
         let mut press = ForceLoop::new(task.clone(), self.context(place, task, first_mm));
-        self.rig_control.count_from(&no_load);
+        self.rig_control.count_from(&mut no_load);
         self.zeroed = Instant::now();
         self.rig_control.stage.guard(Some(self.guard_n())).await?; // some exchanges, in which no force is read
         self.rig_control.cell.watch.pause();
@@ -331,11 +334,12 @@ impl Runner<'_> {
         }
         self.rig_control.cell.settle().await?;
         self.rig_control.begin_no_load();
-        let newer = self.rig_control.end_no_load().await?;
-        let sigma_n = self.rig_control.cell.watch.zero().sigma_mean_n(newer.force.readings);
-        if Permit::is_drift(newer.force.mean_n - no_load.force.mean_n, sigma_n, age_s) {
+        let mut newer = self.rig_control.end_no_load().await?;
+        let zero = self.rig_control.cell.watch.zero();
+        let sigma_n = zero.sigma_mean_n(newer.force.readings);
+        if Permit::is_drift(newer.force.mean_n - zero.at_n(newer.force.at_s), sigma_n, age_s, zero.drift) {
             *no_load_s = self.rig_control.cell.now_s() - newer.force.age_s;
-            self.rig_control.count_from(&newer);
+            self.rig_control.count_from(&mut newer);
             *no_load = newer;
         }
         Ok(())
@@ -362,7 +366,9 @@ impl Runner<'_> {
     /// Reading at which the controller's own guard ends a motion, N: slightly above the force at which the watch trips.
     fn guard_n(&self) -> f64 {
         let zero = self.rig_control.cell.watch.zero();
-        let reading_n = zero.offset_n + self.conditions.spec.limits.force_n + GUARD_SIGMAS * zero.sigma_n;
+        let reading_n = zero.at_n(self.rig_control.cell.read_s())
+            + self.conditions.spec.limits.force_n
+            + GUARD_SIGMAS * zero.sigma_n;
         reading_n * self.conditions.spec.load_cell.divisor() // the controller knows the cell's own readings
     }
 

@@ -6,11 +6,12 @@ use super::home::{AtHome, at_home};
 use super::rig_control::AnyRigControl;
 use super::{Cancel, Halt};
 use crate::rig::{OpenRig, RigSpec};
-use palpate_control::{Reaction, SafetyRule, ShownRate, Timing, Trip, Watch, Zero};
+use palpate_control::{Drift, Reaction, SafetyRule, ShownRate, Timing, Trip, Zero};
 use palpate_core::quantity::{Axis, ForceReading, Range};
 use palpate_data::dataset::Record;
 use palpate_link::device::{Identity, LoadCell, MotionOrders, Stage};
 use palpate_link::time::Instant;
+use std::time::Duration;
 
 /// Number of exchanges that are timed to measure the rig's reaction time.
 const TIMED: usize = 10;
@@ -19,6 +20,8 @@ const ZERO_READINGS: usize = 100;
 const ZERO_S: f64 = 0.5;
 /// Largest noise of one reading, as a fraction of the force limit. With more noise, contact can't be detected in time.
 pub const NOISE_SHARE: f64 = 0.02;
+/// Longest time that is read to know the rate of a zero.
+const DRIFT_READ_MOST: Duration = Duration::from_secs(10);
 /// Largest distance of the zero from the run's first zero, as a fraction of the force limit.
 const DRIFT_SHARE: f64 = 0.2;
 
@@ -51,7 +54,12 @@ pub(super) async fn make_ready<'a>(rig: OpenRig, conditions: &Conditions<'a>) ->
     let array_identity = array?;
     let reaction = time(&mut rig_control, conditions.spec.load_cell.lag_s).await?;
     rig_control.timing = Timing { exchange_s: reaction.stage_s, reaction_s: reaction.worst_s(), ..rig_control.timing };
-    let readings = without_load(&mut rig_control).await?;
+    let mut readings = without_drift(&mut rig_control).await?;
+    let conversion_s = rig_control.cell.cell.conversion().as_secs_f64();
+    // coarse steps may hide that the cell is slower than declared
+    while ShownRate::of(&readings, conversion_s) == ShownRate::Unclear {
+        readings.extend(rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await?);
+    }
     if let Some(finding) = Finding::of_rate(&readings, conditions.spec) {
         // the loop would count on forces that are older than it knows
         return Err(finding.error().into());
@@ -79,15 +87,15 @@ pub(super) async fn take_zero(
     rig_control: &mut AnyRigControl<'_>,
     conditions: &Conditions<'_>,
 ) -> Result<Record, Halt> {
-    let readings = without_load(rig_control).await?;
+    let readings = without_drift(rig_control).await?;
     zero_of(&readings, rig_control, conditions).await
 }
 
-/// Reads without load: as long as the zero needs, and longer if the readings may hide that the cell is slower than declared.
-async fn without_load(rig_control: &mut AnyRigControl<'_>) -> Result<Vec<ForceReading>, Halt> {
+/// Reads without load: as long as the zero needs, and longer if it drifts at a rate that isn't known well yet.
+async fn without_drift(rig_control: &mut AnyRigControl<'_>) -> Result<Vec<ForceReading>, Halt> {
+    let began = Instant::now();
     let mut readings = rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
-    let conversion_s = rig_control.cell.cell.conversion().as_secs_f64();
-    while ShownRate::of(&readings, conversion_s) == ShownRate::Unclear {
+    while rig_control.cell.line(&readings).drift().is_vague() && began.elapsed() < DRIFT_READ_MOST {
         readings.extend(rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await?);
     }
     Ok(readings)
@@ -103,6 +111,10 @@ async fn zero_of(
     if zero.sigma_n > most_n {
         return Err(Trip::new(SafetyRule::Noisy, zero.sigma_n, most_n, "N").into());
     }
+    let (rate_n_s, most_n_s) = (zero.drift.rate_n_s, Drift::most_n_s(conditions.spec.limits.force_n));
+    if rate_n_s.abs() > most_n_s {
+        return Err(Trip::new(SafetyRule::Drifts, rate_n_s, most_n_s, "N/s").into());
+    }
     if let Some(first_n) = conditions.first_zero_n {
         let (drift_n, most_n) = (zero.offset_n - first_n, DRIFT_SHARE * conditions.spec.limits.force_n);
         if drift_n.abs() > most_n {
@@ -110,7 +122,7 @@ async fn zero_of(
         }
     }
     check_no_load(&zero, conditions.spec)?;
-    rig_control.cell.watch = Watch::new(&conditions.spec.limits, zero);
+    rig_control.cell.zero(&conditions.spec.limits, zero, readings);
     rig_control.begin_no_load();
     let outputs = rig_control.end_no_load().await?.outputs;
     rig_control.no_load.clone_from(&outputs);

@@ -205,7 +205,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Returns the largest force that was read; `None` if nothing was pressed.
     pub(super) fn largest(&self) -> Option<LargestForce> {
         let (reading_n, is_least) = self.cell.cell.largest.reading?;
-        let force_n = reading_n - self.cell.watch.zero().offset_n;
+        let force_n = reading_n - self.cell.watch.zero().at_n(self.cell.read_s());
         let by_depth_n = self.by_depth_n.filter(|by_depth_n| *by_depth_n > force_n);
         (force_n >= LEFT_LEAST_N).then_some(LargestForce { force_n, is_least, by_depth_n })
     }
@@ -225,11 +225,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         for _ in 0..LEFT_READINGS {
             sleep(self.cell.cell.conversion()).await;
             match self.cell.cell.read().await {
-                Ok(reading) if check_sound(&reading).is_ok() => sum_n += reading.force_n,
+                Ok(reading) if check_sound(&reading).is_ok() => sum_n += self.cell.watch.zero().from_zero_n(&reading),
                 _ => return Remaining::Unknown,
             }
         }
-        let force_n = sum_n / LEFT_READINGS as f64 - self.cell.watch.zero().offset_n;
+        let force_n = sum_n / LEFT_READINGS as f64;
         if force_n.abs() < LEFT_LEAST_N { Remaining::Nothing } else { Remaining::Force(force_n) }
     }
 
@@ -458,24 +458,25 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         for _ in 0..PIECE_READINGS {
             sleep(self.cell.conversion()).await;
             let reading = timeout(LAST_READING_DEADLINE, self.cell.read()).await.ok()?.ok();
-            sum_n += reading.filter(|reading| check_sound(reading).is_ok())?.force_n;
+            let reading = reading.filter(|reading| check_sound(reading).is_ok())?;
+            sum_n += self.watch.zero().from_zero_n(&reading);
         }
-        Some(sum_n / PIECE_READINGS as f64 - self.watch.zero().offset_n)
+        Some(sum_n / PIECE_READINGS as f64)
     }
 
     /// Reads until a retraction is over, or the force rises above its lowest value and above zero, because z then moves the wrong way. A cell
     /// that reads pushes as pulls rises to zero on the way out. A cell that doesn't answer or gives no number doesn't stop the retraction.
     async fn rises(&mut self, over: &Notify) -> Result<(), Trip> {
         let most_n = self.watch.rise_most_n();
-        let none_n = self.watch.zero().offset_n;
         let (mut last, mut lowest_n) = ([f64::NEG_INFINITY; RISE_READINGS], f64::INFINITY);
         while let Some(read) = self.reading_until(over).await {
             let Some(read) = read.ok().filter(|read| check_sound(read).is_ok()) else { continue };
             last.rotate_left(1);
-            last[RISE_READINGS - 1] = read.force_n;
-            lowest_n = lowest_n.min(read.force_n);
+            let force_n = self.watch.zero().from_zero_n(&read);
+            last[RISE_READINGS - 1] = force_n;
+            lowest_n = lowest_n.min(force_n);
             // all of the last readings: a single spike doesn't stop the retraction
-            let rise_n = last.iter().copied().fold(f64::INFINITY, f64::min) - lowest_n.max(none_n);
+            let rise_n = last.iter().copied().fold(f64::INFINITY, f64::min) - lowest_n.max(0.0);
             if rise_n > most_n {
                 return Err(Trip::new(SafetyRule::ForceRose, rise_n, most_n, "N"));
             }

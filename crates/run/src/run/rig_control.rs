@@ -6,10 +6,10 @@ use super::window::OutputMeans;
 use super::{Cancel, Halt};
 use crate::rig::{AdjustedCell, ArraySpec, GroundTruth, RigSpec};
 use palpate_control::{
-    Belief, Believed, Glitches, Mean, NO_LOAD_READINGS, NoLoadReadings, SafetyRule, Timing, Trip, Watch, check_sound,
-    mean_of, without_glitches,
+    Belief, Believed, Drift, Glitches, Mean, NO_LOAD_READINGS, NoLoadReadings, SafetyRule, Timing, Trip, Watch, Zero,
+    ZeroLine, check_sound, mean_of, without_glitches,
 };
-use palpate_core::quantity::{ForceReading, Frame, Place};
+use palpate_core::quantity::{ForceReading, Frame, Limits, Place};
 use palpate_data::dataset::{NoLoad, PressTruth};
 use palpate_drivers::{AnyArray, AnyStage};
 use palpate_link::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
@@ -17,6 +17,7 @@ use palpate_link::time::{Instant, sleep, sleep_until};
 use palpate_link::wire::Claims;
 use std::cmp::Ordering::{Equal, Less};
 use std::collections::VecDeque;
+use std::ops::RangeInclusive;
 use std::rc::Rc;
 use tokio::sync::Notify;
 
@@ -36,6 +37,12 @@ pub(super) const OUTPUT_LOOKS: usize = 3;
 const OLD_SHARE: f64 = 0.5;
 /// Number of force readings that detect a light touch, and least mean above zero, in sd.
 const LIGHT_READINGS: u32 = 20;
+
+/// Number of readings at rest that show a drift, and least time for them, s. And the force that is off over what the drift explains: it may
+/// have begun or ended in between, but a touch adds a step.
+const DRIFT_READINGS: usize = 50;
+const DRIFT_LOOK_S: f64 = 0.5;
+const EXPLAINED: RangeInclusive<f64> = 0.5..=1.5;
 const LIGHT_SIGMAS: f64 = 4.0;
 
 /// Outputs at rest, before the first touch.
@@ -103,6 +110,10 @@ pub(super) struct WatchedLoadCell<'a, C> {
     no_load: NoLoadForces,
     /// Which readings are believed; `None` before the cell was read at rest.
     pub believed: Option<Believed>,
+    /// Line of the zero over time; `None` before there is a zero.
+    line: Option<ZeroLine>,
+    /// Time of the last reading that counted, by the readings' clock, s.
+    read_s: f64,
     /// Whether the stage moves, and whether it is stopped if two readings in a row are doubted.
     motion: Option<OnDoubt>,
     /// Whether the last motion was stopped because readings were doubted.
@@ -145,6 +156,8 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             presses_on: false,
             no_load,
             believed: None,
+            line: None,
+            read_s: 0.0,
             motion: None,
             stopped_by_doubt: false,
         }
@@ -276,7 +289,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
     fn take(&mut self, reading: &ForceReading, force_n: f64) {
         (self.shown)(force_n);
         let now = Instant::now();
-        self.last = Some(now);
+        (self.last, self.read_s) = (Some(now), reading.at_s);
         self.side_n = self.watch.zero().side.zip(reading.side_n).map(|(zero, side_n)| zero.from_zero(side_n));
         self.no_load.take(now, reading);
     }
@@ -304,6 +317,39 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         if sigma_n > most_n { Trip::new(SafetyRule::Noisy, sigma_n, most_n, "N") } else { trip }
     }
 
+    /// Returns the real cause of a rule that was broken by a force of the air: a drift looks like a touch, or like a push that reads as a pull. The
+    /// stage rests. It states the rate, and the one that would have passed.
+    pub(super) async fn unless_it_drifts(&mut self, trip: Trip) -> Trip {
+        let limit_n = match trip.rule {
+            SafetyRule::SurfaceElsewhere => self.watch.zero().detect_n(),
+            SafetyRule::WrongSign | SafetyRule::ForceRose | SafetyRule::ForceFell | SafetyRule::ZeroDrifted => {
+                trip.limit.abs()
+            }
+            _ => return trip,
+        };
+        let Some(now) = self.still().await else { return trip };
+        let before = *self.watch.zero();
+        let (off_n, age_s) = (now.offset_n - before.at_n(now.at_s), now.at_s - before.at_s);
+        let by_drift_n = (now.drift.rate_n_s - before.drift.rate_n_s) * age_s;
+        if now.drift.rate_n_s == 0.0 || !EXPLAINED.contains(&(off_n / by_drift_n)) {
+            return trip;
+        }
+        let rate_n_s = now.drift.rate_n_s;
+        let most_n_s = (limit_n / off_n * rate_n_s).abs().min(Drift::most_n_s(self.watch.limit_n()));
+        Trip::new(SafetyRule::Drifts, rate_n_s, most_n_s, "N/s")
+    }
+
+    /// Returns the reading of a stage that rests, with its drift; `None` if the cell doesn't answer, or reports a fault.
+    pub(super) async fn still(&mut self) -> Option<Zero> {
+        let conversion_s = self.cell.conversion().as_secs_f64();
+        let mut readings = Vec::new();
+        for _ in 0..DRIFT_READINGS.max((DRIFT_LOOK_S / conversion_s) as usize) {
+            sleep(self.cell.conversion()).await;
+            readings.push(self.cell.read().await.ok().filter(|reading| check_sound(reading).is_ok())?);
+        }
+        Some(Zero::of(&readings, conversion_s))
+    }
+
     /// Noise of some more readings at rest, N.
     async fn still_sigma_n(&mut self) -> Result<f64, Halt> {
         let mut still = NoLoadForces { open: true, ..NoLoadForces::default() };
@@ -312,6 +358,37 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             still.take(Instant::now(), &reading);
         }
         Ok(still.sigma_n())
+    }
+
+    /// Returns the line of the zero by readings without load: through them alone, or through all air so far, whichever knows the rate better.
+    pub(super) fn line(&self, readings: &[ForceReading]) -> ZeroLine {
+        let alone = ZeroLine::of(readings);
+        let together = self.line.map(|line| line.continued(&alone));
+        together.filter(|line| line.drift().sigma_n_s < alone.drift().sigma_n_s).unwrap_or(alone)
+    }
+
+    /// Makes forces relative to a new zero that was taken from these readings.
+    pub(super) fn zero(&mut self, limits: &Limits, zero: Zero, readings: &[ForceReading]) {
+        let line = self.line(readings);
+        self.watch = Watch::new(limits, Zero { drift: line.drift(), ..zero });
+        self.line = Some(line);
+    }
+
+    /// Makes forces relative to this air, and to the drift that all air so far has shown, which it states.
+    fn count_from(&mut self, no_load: &mut NoLoadReadings) {
+        let sigma_n = self.watch.zero().sigma_own_n(no_load.readings);
+        let drift = self.line.as_mut().map(|line| {
+            *line = line.read(no_load.at_s, no_load.mean_n, sigma_n);
+            line.drift()
+        });
+        let drift = drift.unwrap_or_default();
+        no_load.drift = (drift.rate_n_s != 0.0).then_some(drift);
+        self.watch.count_from(no_load, drift);
+    }
+
+    /// Time of the last reading by the readings' clock, s.
+    pub(super) fn read_s(&self) -> f64 {
+        self.read_s
     }
 
     /// Time used by the parts of a press, s.
@@ -356,7 +433,16 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         let mean =
             mean_of(&readings, self.watch.zero()).ok_or_else(|| Trip::new(SafetyRule::Stale, 0.0, 0.0, "readings"))?;
         let side_mean_n = side_mean(self.no_load.readings.iter().map(|(.., side_n)| *side_n));
-        Ok(NoLoadReadings { mean_n: mean.value, sigma_n, readings: mean.readings, age_s: -mean.middle_s, side_mean_n })
+        let (age_s, at_s) = (-mean.middle_s, self.read_s + mean.middle_s);
+        Ok(NoLoadReadings {
+            mean_n: mean.value,
+            sigma_n,
+            readings: mean.readings,
+            age_s,
+            at_s,
+            drift: None,
+            side_mean_n,
+        })
     }
 
     /// Age of the last good reading, s.
@@ -567,8 +653,8 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
     }
 
     /// Makes forces and outputs relative to this air.
-    pub(super) fn count_from(&mut self, no_load: &NoLoad) {
-        self.cell.watch.count_from(&no_load.force);
+    pub(super) fn count_from(&mut self, no_load: &mut NoLoad) {
+        self.cell.count_from(&mut no_load.force);
         self.series.iter().for_each(|series| series.count_from(no_load));
         self.no_load.clone_from(&no_load.outputs);
     }

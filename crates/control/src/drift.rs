@@ -1,0 +1,195 @@
+//! Drift of a load cell's zero: a straight line through the air that was read, with its error.
+
+use super::zero::DETECT_LEAST_N;
+use palpate_core::quantity::ForceReading;
+use serde::{Deserialize, Serialize};
+
+/// Least rate by which forces are corrected, N/s, and in its own sd. A cell that warms up has 1 mN/s at most, and a wave of 10 mN in 25 s
+/// reaches 2.5 mN/s and turns around. A descent of 10 s bears this rate: it moves by a touch.
+const USED_N_S: f64 = 0.003;
+const USED_SIGMAS: f64 = 6.0;
+
+/// Growth of the rate's variance, (N/s)^2 each second: a cell that cools down after 20 mN/s with a time constant of five minutes changes its
+/// rate by 1 mN/s from press to press.
+const RATE_WALK: f64 = 1e-8;
+
+/// Wanted sd of a rate by which forces are corrected, as a fraction of it. A press of 15 s at 20 mN/s then has an error of 15 mN.
+const RATE_SHARE: f64 = 0.05;
+
+/// Largest rate that isn't shown and still is no touch, N/s. On a descent the air is read each second, so a light touch would have to grow as
+/// slowly.
+const HIDDEN_MOST_N_S: f64 = 0.005;
+
+/// Rate of a cell of which nothing is known, N/s, and the number of quantities that a line has.
+const UNKNOWN_N_S: f64 = 1.0;
+const LINE: usize = 2;
+
+/// Largest correlation of neighbouring readings that counts.
+const ALIKE_MOST: f64 = 0.95;
+
+/// Time that a rate must hold for: a press takes that long, s. And the part of the force limit by which a zero may drift in it.
+const PRESS_S: f64 = 15.0;
+const DRIFTED_SHARE: f64 = 0.2;
+
+/// Rate of a zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Drift {
+    /// Rate by which forces are corrected, N/s; 0 if no drift is shown.
+    pub rate_n_s: f64,
+    /// Standard deviation of the rate, N/s.
+    pub sigma_n_s: f64,
+    /// Rate that isn't shown well enough, N/s: forces aren't corrected by it, but the zero may move so.
+    #[serde(skip)]
+    pub hidden_n_s: f64,
+}
+
+/// Straight line of a zero over time. Each air that is read makes it more certain, and the time between them less (a Kalman filter of the
+/// offset and its rate).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ZeroLine {
+    at_s: f64,
+    offset_n: f64,
+    rate_n_s: f64,
+    /// Variances of the offset and of the rate, and their covariance between the two.
+    variances: [f64; 3],
+}
+
+impl ZeroLine {
+    /// Returns the line through readings of one time, by least squares.
+    pub fn of(readings: &[ForceReading]) -> ZeroLine {
+        let n = readings.len().max(1) as f64;
+        let mean = |value: &dyn Fn(&ForceReading) -> f64| readings.iter().map(value).sum::<f64>() / n;
+        let (at_s, offset_n) = (mean(&|reading| reading.at_s), mean(&|reading| reading.force_n));
+        let spread = mean(&|reading| (reading.at_s - at_s).powi(2));
+        if readings.len() <= LINE || spread <= 0.0 {
+            return ZeroLine { at_s, offset_n, rate_n_s: 0.0, variances: [0.0, 0.0, UNKNOWN_N_S.powi(2)] };
+        }
+        let rate_n_s = mean(&|reading| (reading.at_s - at_s) * (reading.force_n - offset_n)) / spread;
+        let left: Vec<f64> =
+            readings.iter().map(|reading| reading.force_n - offset_n - rate_n_s * (reading.at_s - at_s)).collect();
+        let squares: f64 = left.iter().map(|left| left * left).sum();
+        let following: f64 = left.windows(2).map(|pair| pair[0] * pair[1]).sum();
+        // neighbours that are alike count as fewer
+        let alike = if squares > 0.0 { (following / squares).clamp(0.0, ALIKE_MOST) } else { 0.0 };
+        let variance = squares / (n - LINE as f64) * (1.0 + alike) / (1.0 - alike);
+        let of_rate = (variance / (n * spread)).min(UNKNOWN_N_S.powi(2));
+        ZeroLine { at_s, offset_n, rate_n_s, variances: [variance / n, 0.0, of_rate] }
+    }
+
+    /// Returns the line with newer air: its middle, s, its mean and the standard deviation of this mean, N.
+    #[must_use]
+    pub fn read(&self, at_s: f64, mean_n: f64, sigma_n: f64) -> ZeroLine {
+        let dt_s = (at_s - self.at_s).max(0.0);
+        let [of_offset, between, of_rate] = self.variances;
+        let rate = of_rate + RATE_WALK * dt_s;
+        let both = between + dt_s * of_rate + RATE_WALK * dt_s.powi(2) / 2.0;
+        let offset = of_offset + dt_s * (between + both) - RATE_WALK * dt_s.powi(3) / 6.0;
+        let all = (offset + sigma_n.powi(2)).max(f64::MIN_POSITIVE);
+        let predicted_n = self.offset_n + self.rate_n_s * dt_s;
+        let off_n = mean_n - predicted_n;
+        ZeroLine {
+            at_s,
+            offset_n: predicted_n + offset / all * off_n,
+            rate_n_s: self.rate_n_s + both / all * off_n,
+            variances: [offset - offset * offset / all, both - both * offset / all, rate - both * both / all],
+        }
+    }
+
+    /// Returns the line with the middle of a newer one.
+    #[must_use]
+    pub fn continued(&self, newer: &ZeroLine) -> ZeroLine {
+        self.read(newer.at_s, newer.offset_n, newer.variances[0].sqrt())
+    }
+
+    /// Returns the rate by which forces are corrected.
+    pub fn drift(&self) -> Drift {
+        let sigma_n_s = self.variances[2].max(0.0).sqrt();
+        let is_shown = self.rate_n_s.abs() >= USED_N_S.max(USED_SIGMAS * sigma_n_s);
+        let (rate_n_s, hidden_n_s) = if is_shown { (self.rate_n_s, 0.0) } else { (0.0, self.rate_n_s) };
+        Drift { rate_n_s, sigma_n_s, hidden_n_s }
+    }
+}
+
+impl Drift {
+    /// Whether more readings are needed: the rate may move the zero by a touch in a press, or forces are corrected by a rate that isn't known well.
+    pub fn is_vague(&self) -> bool {
+        let known_n_s = (DETECT_LEAST_N / PRESS_S).min(if self.rate_n_s == 0.0 {
+            f64::INFINITY
+        } else {
+            RATE_SHARE * self.rate_n_s.abs()
+        });
+        self.sigma_n_s > known_n_s
+    }
+
+    /// Largest rate with which a specimen with this force limit is pressed, N/s.
+    pub fn most_n_s(limit_n: f64) -> f64 {
+        DRIFTED_SHARE * limit_n / PRESS_S
+    }
+
+    /// Largest rate of the zero besides the one that is corrected, N/s.
+    pub(crate) fn unknown_n_s(&self) -> f64 {
+        self.hidden_n_s.abs() + 3.0 * self.sigma_n_s
+    }
+
+    /// The same during a descent, where a larger one may be a touch.
+    pub(crate) fn hidden_n_s(&self) -> f64 {
+        self.unknown_n_s().min(HIDDEN_MOST_N_S)
+    }
+
+    /// Standard deviation of a force by the rate at the end of a press, N; 0 if forces aren't corrected.
+    pub(crate) fn sigma_n(&self) -> f64 {
+        if self.rate_n_s == 0.0 { 0.0 } else { self.sigma_n_s * PRESS_S }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_core::quantity::{Health, stream};
+    use rand::distr::Distribution;
+    use rand_distr::StandardNormal;
+
+    fn readings(count: usize, sigma_n: f64, rate_n_s: f64) -> Vec<ForceReading> {
+        let mut rng = stream(1, 0, "drift");
+        let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
+        let reading = |at_s: f64, n: f64| ForceReading { at_s, force_n: n, side_n: None, health: Health::default() };
+        (0..count)
+            .map(|nth| 0.005 * nth as f64)
+            .map(|at_s| reading(at_s, 0.25 + rate_n_s * at_s + sigma_n * draw()))
+            .collect()
+    }
+
+    #[test]
+    fn a_fast_drift_is_shown_with_its_error_and_a_slow_one_is_not() {
+        let drift = ZeroLine::of(&readings(200, 0.002, 0.013)).drift();
+        assert!((drift.rate_n_s - 0.013).abs() < 3.0 * drift.sigma_n_s, "{drift:?}");
+        assert!((drift.sigma_n_s - 0.0005).abs() < 0.0001, "{drift:?}");
+        assert_eq!(ZeroLine::of(&readings(200, 0.002, 0.004)).drift().rate_n_s, 0.0, "both airs correct it");
+        assert_eq!(ZeroLine::of(&readings(200, 0.05, 0.013)).drift().rate_n_s, 0.0, "noise hides it");
+        assert!(ZeroLine::of(&readings(100, 0.002, 0.013)).drift().is_vague());
+        assert!(!ZeroLine::of(&readings(2000, 0.002, 0.013)).drift().is_vague());
+        assert!(ZeroLine::of(&readings(200, 0.05, 0.0)).drift().is_vague(), "it may drift by a touch in a press");
+        assert!(!ZeroLine::of(&readings(200, 0.002, 0.0)).drift().is_vague());
+    }
+
+    #[test]
+    fn air_that_is_read_later_shows_what_noise_has_hidden() {
+        let mut line = ZeroLine::of(&readings(200, 0.05, 0.013));
+        for nth in 1..=4 {
+            let at_s = 12.0 * f64::from(nth);
+            line = line.read(at_s, 0.25 + 0.013 * at_s + if nth % 2 == 0 { 0.008 } else { -0.008 }, 0.01);
+        }
+        let drift = line.drift();
+        assert!((drift.rate_n_s - 0.013).abs() < 0.002 && drift.sigma_n_s < 0.002, "{drift:?}");
+    }
+
+    #[test]
+    fn a_wave_and_a_jump_are_no_drift() {
+        let mut line = ZeroLine::of(&readings(200, 0.002, 0.0));
+        for nth in 1..60 {
+            let at_s = 7.0 * f64::from(nth);
+            line = line.read(at_s, 0.25 + 0.005 * (std::f64::consts::TAU * at_s / 25.0).sin(), 0.0005);
+            assert_eq!(line.drift().rate_n_s, 0.0, "{nth}: {line:?}");
+        }
+    }
+}
