@@ -16,6 +16,7 @@ mod gain;
 mod glitches;
 mod host;
 mod machine;
+mod missed;
 mod printer;
 mod random_rigs;
 mod reaction;
