@@ -145,7 +145,7 @@ impl Failure {
                 let help = "bring the value within its bounds, then continue with `palpate resume`";
                 Failure::new(FailureKind::Cancelled, miette::miette!(help = help, "{text}"))
             }
-            Halt::Device(error) => Failure::new(FailureKind::Device, error),
+            Halt::Device(error) | Halt::Missed(error) => Failure::new(FailureKind::Device, error),
             Halt::Record(error) => Failure::new(FailureKind::Record, error),
             Halt::Unconfirmed(why) => Failure::new(FailureKind::Usage, miette::miette!("{why}")),
         }

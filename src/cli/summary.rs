@@ -32,6 +32,7 @@ pub(super) fn ended(folder: &RunFolder, virtual_time: bool, is_full: bool) -> St
         let _ = writeln!(text, "flagged: {flagged} rows; they are stored but not evaluated");
     }
     text += &manifest.glitches.text().map_or_else(String::new, |text| filled(&text, "  "));
+    text += &manifest.missed.text().map_or_else(String::new, |text| filled(&text, "  "));
     if let Some(check) = folder.check_line() {
         text += &filled(check, "  ");
     }

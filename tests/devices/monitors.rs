@@ -40,7 +40,7 @@ fn executed(spec: &RigSpec, recipe: &str, tamper: impl Fn(&mut SimulatedRig)) ->
 fn device_error(ending: &Ending) -> String {
     assert!(ending.unparked.is_none(), "{ending:?}");
     match &ending.halt {
-        Some(Halt::Device(error)) => error.to_string(),
+        Some(Halt::Device(error) | Halt::Missed(error)) => error.to_string(),
         halt => panic!("{halt:?}"),
     }
 }

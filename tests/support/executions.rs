@@ -247,7 +247,7 @@ pub fn end_of(ending: &Ending) -> &'static str {
         None if ending.unparked.is_some() => "unparked",
         None => "-",
         Some(Halt::Tripped(trip)) => trip.rule.name(),
-        Some(Halt::Device(_)) => "device",
+        Some(Halt::Device(_) | Halt::Missed(_)) => "device",
         Some(Halt::Cancelled | Halt::OutOfBounds(_) | Halt::Record(_) | Halt::Unconfirmed(_)) => {
             panic!("{:?}", ending.text())
         }

@@ -125,7 +125,11 @@ impl Evidence<'_> {
     /// Returns the noisiest channel without load. The noise is the difference between the readings without load before successive presses
     /// of a run, so drift doesn't count.
     fn noise(&self) -> Option<Worst> {
-        let contacts = || self.runs.iter().map(|run| run.contacts.as_slice());
+        // a contact whose readings were missed has no outputs
+        let is_read = |contact: &&RecordedContact| !contact.no_load_before.outputs.is_empty();
+        let runs: Vec<Vec<&RecordedContact>> =
+            self.runs.iter().map(|run| run.contacts.iter().filter(is_read).collect()).collect();
+        let contacts = || runs.iter().map(Vec::as_slice);
         let channels = contacts().flatten().map(|contact| contact.no_load_before.outputs.len()).min().unwrap_or(0);
         let changes = contacts().map(|contacts| contacts.len().saturating_sub(1)).sum::<usize>();
         let percent = |channel: usize| {
@@ -133,7 +137,7 @@ impl Evidence<'_> {
             let full_scale = calibrated.map(|press| press.outputs[channel].abs()).fold(0.0, f64::max);
             let output = |contact: &RecordedContact| contact.no_load_before.outputs[channel];
             let pairs = contacts().flat_map(|contacts| contacts.windows(2));
-            let squares: f64 = pairs.map(|pair| (output(&pair[1]) - output(&pair[0])).powi(2)).sum();
+            let squares: f64 = pairs.map(|pair| (output(pair[1]) - output(pair[0])).powi(2)).sum();
             (full_scale > 0.0).then(|| 100.0 * (squares / (2 * changes) as f64).sqrt() / full_scale)
         };
         if changes == 0 {

@@ -144,6 +144,7 @@ impl CellContent for Option<Phase> {
     }
 }
 
+/// Numbers, one for each channel; a number that was missed is NaN, and its cell is empty.
 impl CellContent for Vec<f64> {
     const KIND: CellType = CellType::Number;
 
@@ -152,7 +153,8 @@ impl CellContent for Vec<f64> {
     }
 
     fn write(&self, out: &mut dyn FnMut(CellValue<'_>)) {
-        self.iter().for_each(|output| out(CellValue::Number(*output)));
+        let cell = |number: f64| if number.is_nan() { CellValue::Nothing } else { CellValue::Number(number) };
+        self.iter().for_each(|output| out(cell(*output)));
     }
 
     fn round_to(&mut self, decimals: i32) {

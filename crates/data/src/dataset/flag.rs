@@ -12,13 +12,15 @@ pub enum Flag {
     Saturated,
     /// The outputs weren't read throughout the window, or no channel changed although the load changed.
     Stale,
+    /// Readings of the array or of a monitor were missed, each time that the press was made.
+    Missed,
     /// An external table flags the row with its own word.
     Other,
 }
 
 impl Flag {
     /// Every flag.
-    pub const ALL: [Flag; 4] = [Flag::OutOfTolerance, Flag::Saturated, Flag::Stale, Flag::Other];
+    pub const ALL: [Flag; 5] = [Flag::OutOfTolerance, Flag::Saturated, Flag::Stale, Flag::Missed, Flag::Other];
 
     /// Returns the name of the flag in files.
     pub fn name(self) -> &'static str {
@@ -26,6 +28,7 @@ impl Flag {
             Flag::OutOfTolerance => "out-of-tolerance",
             Flag::Saturated => "saturated",
             Flag::Stale => "stale",
+            Flag::Missed => "missed",
             Flag::Other => "other",
         }
     }

@@ -1,7 +1,7 @@
 //! Manifest: description of a run and its ending, in one JSON object for people and other programs.
 
 use super::session::is_false;
-use super::{DatasetError, Fingerprint, Loss, Provenance, Record, RunFacts, SessionEnd, Status, files};
+use super::{DatasetError, Fingerprint, Loss, MissedReadings, Provenance, Record, RunFacts, SessionEnd, Status, files};
 use palpate_control::{Glitches, Trip};
 use palpate_core::quantity::Identity;
 use serde::{Deserialize, Serialize};
@@ -55,6 +55,9 @@ pub struct Manifest {
     /// Readings of the load cell that were left out as impossible, in all sessions; absent if none were.
     #[serde(default, skip_serializing_if = "Glitches::are_none")]
     pub glitches: Glitches,
+    /// Readings of the array or of a monitor that were missed, in all sessions; absent if none were.
+    #[serde(default, skip_serializing_if = "MissedReadings::are_none")]
+    pub missed: MissedReadings,
     /// Contradictions to the journal that a person accepted: lost presses, or another journal.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub losses: Vec<Loss>,
@@ -109,6 +112,7 @@ impl Manifest {
                 }
                 self.losses.push(loss.clone());
             }
+            Record::Missed(reading) => self.missed.add(reading),
             Record::Text(_) | Record::Zero { .. } | Record::Retouch(_) | Record::Surface(_) => {}
         }
     }

@@ -38,6 +38,7 @@ mod lookalike;
 mod loss;
 mod manifest;
 mod mapping;
+mod missed;
 mod new_folder;
 mod over_time;
 mod places;
@@ -74,6 +75,7 @@ pub use lock::hold as hold_folder;
 pub use lookalike::Lookalike;
 pub use manifest::Manifest;
 pub use mapping::{COLUMN_KEYS, Mapping};
+pub use missed::{MissedReading, MissedReadings};
 pub use new_folder::make_folder;
 #[cfg(feature = "files")]
 pub use over_time::followed;

@@ -91,7 +91,7 @@ fn begun(run: &Recorded, contact: &super::RecordedContact) -> Vec<(Followed, [f6
         return Vec::new();
     };
     let loudest = |outputs: &[f64]| {
-        let all = outputs.iter().enumerate();
+        let all = outputs.iter().enumerate().filter(|(_, output)| !output.is_nan());
         all.max_by(|(_, a), (_, b)| a.abs().total_cmp(&b.abs())).map_or((0, 0.0), |(index, value)| (index, value.abs()))
     };
     // without load, the output that answers most in the rest of the run

@@ -124,7 +124,8 @@ columns! {
     /// Group of the press in the imported table, from 0 in the order of first appearance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     group: Option<f64>, Grouped, 0;
-    /// Mean output of each channel in the window minus its output without load, in the array's unit.
+    /// Mean output of each channel in the window minus its output without load, in the array's unit; empty if it was missed.
+    #[serde(with = "missable")]
     outputs: Vec<f64>, Needed, 7;
     /// Faults of the press; empty if there are none.
     flags: Vec<Flag>, Optional, 0;
@@ -199,9 +200,10 @@ impl Press {
         !self.flags.is_empty()
     }
 
-    /// Whether all of its numbers are finite.
+    /// Whether all of its numbers are finite. Only a press with missed readings may lack outputs.
     pub fn is_finite(&self) -> bool {
-        let mut is_finite = true;
+        let may_lack = self.flags.contains(&Flag::Missed);
+        let mut is_finite = may_lack || self.outputs.iter().all(|output| !output.is_nan());
         for column in COLUMNS {
             (column.write)(self, &mut |value| {
                 is_finite &= !matches!(value, CellValue::Number(number) if !number.is_finite());
@@ -278,6 +280,20 @@ pub(super) fn csv_line(press: &Press, columns: RunColumns) -> String {
     }
     line.pop();
     line + "\n"
+}
+
+/// Numbers of which some may have been missed: NaN here, `null` in JSON.
+mod missable {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(numbers: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(numbers.iter().map(|number| (!number.is_nan()).then_some(number)))
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f64>, D::Error> {
+        let numbers = Vec::<Option<f64>>::deserialize(from)?;
+        Ok(numbers.into_iter().map(|number| number.unwrap_or(f64::NAN)).collect())
+    }
 }
 
 /// Press in a flat form for other programs that read JSON: `out_1` to `out_n`, flags as text.
@@ -381,6 +397,16 @@ mod tests {
         assert!(press.to_json().contains(
             "\"force_y_n\":-0.05,\"u_force_x_n\":0.01,\"u_force_y_n\":null,\"drag_mm\":0.5,\"slips\":1.0,\"depth_mm\""
         ));
+    }
+
+    #[test]
+    fn missed_outputs_are_blank_in_every_text_and_only_under_their_flag() {
+        let missed = Press { outputs: vec![f64::NAN; 2], flags: vec![Flag::Missed], force_n: None, ..example(3, 0) };
+        assert!(csv_line(&missed, BY_FORCE).contains(",12.34567,,,missed,"), "{}", csv_line(&missed, BY_FORCE));
+        assert!(missed.to_json().contains("\"out_1\":null,\"out_2\":null,\"flags\":\"missed\""));
+        let read: Press = serde_json::from_str(&serde_json::to_string(&missed).unwrap()).unwrap();
+        assert!(read.outputs.len() == 2 && read.outputs.iter().all(|output| output.is_nan()));
+        assert!(missed.is_finite() && !Press { flags: vec![Flag::Stale], ..missed }.is_finite());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Records of the journal.
 
 use super::journal::Logged;
-use super::{FORMAT, Loss, Press, Provenance, RecordedCheck, RecordedText, RunFacts, SeriesMark, SessionEnd};
+use super::{FORMAT, Loss, MissedReading, Press, Provenance, RecordedCheck, RecordedText, RunFacts, SeriesMark, SessionEnd};
 use palpate_control::{LearnedContact, MainsInterference, NoLoadReadings, Trip, UncertaintyBudget};
 use palpate_core::quantity::Identity;
 use palpate_core::quantity::{Place, any_number, round};
@@ -43,6 +43,8 @@ pub enum Record {
     Retouch(Retouch),
     /// The surface from which depths count, in a run without a load cell.
     Surface(RecordedSurface),
+    /// A reading of the array or of a monitor was missed. The press is made again.
+    Missed(MissedReading),
     /// A safety rule was broken.
     Trip {
         /// Time, s since the run's start.
@@ -68,6 +70,7 @@ impl Record {
             Record::Run(_) | Record::Session(_) | Record::Text(_) | Record::Devices(_) | Record::Loss(_) => None,
             Record::Contact(contact) | Record::Check(RecordedCheck { contact, .. }) => contact.t_s(),
             Record::Surface(surface) => Some(surface.t_s),
+            Record::Missed(missed) => Some(missed.t_s),
             Record::Retouch(Retouch { t_s, .. }) | Record::Zero { t_s, .. } | Record::Trip { t_s, .. } => Some(*t_s),
             Record::End(end) => Some(end.t_s),
         }

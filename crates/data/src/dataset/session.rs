@@ -97,7 +97,7 @@ pub struct Labels {
 }
 
 /// Reads a text of a file from elsewhere, without characters that control a terminal.
-fn shown_text<'de, D: Deserializer<'de>>(from: D) -> Result<String, D::Error> {
+pub(super) fn shown_text<'de, D: Deserializer<'de>>(from: D) -> Result<String, D::Error> {
     String::deserialize(from).map(|text| shown(&text))
 }
 

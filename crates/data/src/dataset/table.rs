@@ -14,7 +14,7 @@ use super::mapping::Mapping;
 use super::press::{COLUMNS, OUTPUTS, Presence, PressColumn};
 use super::sensor_file::is_sensor_file;
 use super::table_error::{MAX_ROW_BYTES, MAX_ROWS, MAX_TABLE_BYTES, TableError, quoted};
-use super::{Press, Presses};
+use super::{Flag, Press, Presses};
 use csv::StringRecord;
 use std::collections::{HashMap, VecDeque};
 use std::fs::File;
@@ -185,6 +185,7 @@ impl KnownColumns {
         cells.check_length()?;
         let mut press = Press::default();
         let mut texts = Vec::new();
+        let is_missed = self.is_of_run && self.is_missed(cells);
         for (column, places) in &self.found {
             texts.clear();
             texts.extend(places.iter().map(|place| cells.text(*place)));
@@ -192,7 +193,10 @@ impl KnownColumns {
                 column.presence,
                 Presence::Sparse | Presence::ByDepth | Presence::ThreeAxes | Presence::Grouped
             ) && self.is_of_run;
-            if may_be_empty && texts.iter().all(|text| text.is_empty()) {
+            if (may_be_empty || is_missed) && texts.iter().all(|text| text.is_empty()) {
+                if column.name == OUTPUTS {
+                    press.outputs = vec![f64::NAN; texts.len()];
+                }
                 continue;
             }
             let missing = texts.iter().position(|text| mapping.is_missing(text));
@@ -204,6 +208,14 @@ impl KnownColumns {
         }
         mapping.scale.apply(&mut press);
         Ok(Ok(press))
+    }
+}
+
+impl KnownColumns {
+    /// Whether readings of a row's press were missed, so that it has blanks.
+    fn is_missed(&self, cells: &RowReader<'_>) -> bool {
+        let flags = self.found.iter().find(|(column, _)| column.name == FLAGS).and_then(|(_, places)| places.first());
+        flags.is_some_and(|place| cells.text(*place).split_whitespace().any(|flag| flag == Flag::Missed.name()))
     }
 }
 

@@ -96,12 +96,14 @@ fn write_matrix<'a>(
     contacts: &dyn Fn() -> Result<RecordedContacts<'a>, DatasetError>,
 ) -> Result<(), DatasetError> {
     let at_once = (OUTPUTS_MAX / points).max(1);
+    // a missed output is blank
+    let output = |press: &Press, channel: usize| press.outputs.get(channel).copied().filter(|output| !output.is_nan());
     for first in (0..channels).step_by(at_once) {
         let here = first..channels.min(first + at_once);
         let mut lines: Vec<Vec<_>> = here.clone().map(|_| Vec::with_capacity(points)).collect();
         for contact in contacts()? {
             for press in contact?.levels.iter().filter(|press| press.is_of(phase)) {
-                here.clone().zip(&mut lines).for_each(|(channel, line)| line.push(press.outputs.get(channel).copied()));
+                here.clone().zip(&mut lines).for_each(|(channel, line)| line.push(output(press, channel)));
             }
         }
         for line in lines {

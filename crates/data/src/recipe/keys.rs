@@ -1,7 +1,7 @@
 //! Keys of a recipe, table by table.
 
 use super::accept::accept as accept_keys;
-use super::{Checks, GridOrder, Manner, PRESSES_CEILING, Phase, SeriesScope};
+use super::{Checks, GridOrder, Manner, OnMiss, PRESSES_CEILING, Phase, SeriesScope};
 use palpate_control::Strategy;
 use palpate_document::{Bounds, keys, words};
 use palpate_solver::{BEST, SOLVERS};
@@ -38,6 +38,8 @@ pub(super) const ORDERS: [(&str, GridOrder); 2] =
     [(GridOrder::Raster.name(), GridOrder::Raster), (GridOrder::Interleaved.name(), GridOrder::Interleaved)];
 pub(super) const CHECKS: [(&str, Checks); 3] =
     [(Checks::End.name(), Checks::End), (Checks::Between.name(), Checks::Between), (Checks::None.name(), Checks::None)];
+pub(super) const ON_MISS: [(&str, OnMiss); 3] =
+    [(OnMiss::Retry.name(), OnMiss::Retry), (OnMiss::Flag.name(), OnMiss::Flag), (OnMiss::End.name(), OnMiss::End)];
 pub(super) const SCOPES: [(&str, SeriesScope); 3] = [
     (SeriesScope::None.name(), SeriesScope::None),
     (SeriesScope::Window.name(), SeriesScope::Window),
@@ -71,6 +73,9 @@ keys! {
         checks: Word(&words(&CHECKS)), or_word(Checks::End.name()),
             "when the first large-force press is repeated, to check load cell and sensor: only after the last press, also between presses, or never",
             "\"between\"";
+        on_miss: Word(&words(&ON_MISS)), or_word(OnMiss::Retry.name()),
+            "what becomes of a press if the array or a monitor misses a reading: it is made again up to twice, and then the run ends, or its row is flagged without outputs and the run continues; or the run ends at once",
+            "\"flag\"";
         record: Table(&record::KEYS), Allowed, "what is kept of a press in addition to the means of its windows";
         evaluate: Table(&evaluate::KEYS), Allowed, "evaluate the run when it is complete";
         accept: Either(&[Table(&accept_keys::KEYS), Text]), Allowed,

@@ -18,7 +18,7 @@ pub use drags::PlannedDrag;
 pub use parse::parse;
 pub use plan::{Ground, Plan};
 pub use step::UnitChoice;
-pub use step::{Checks, GridOrder, Manner, PRESSES_CEILING, Phase, Places, SeriesScope, Step, StepLoad};
+pub use step::{Checks, GridOrder, Manner, OnMiss, PRESSES_CEILING, Phase, Places, SeriesScope, Step, StepLoad};
 pub use training::Entry;
 
 use crate::acceptance::AcceptanceRule;
@@ -51,6 +51,8 @@ pub struct Recipe {
     pub rig: Option<String>,
     /// When places are checked.
     pub checks: Checks,
+    /// What becomes of a press with a missed reading.
+    pub on_miss: OnMiss,
     /// Which readings are kept.
     pub series: SeriesScope,
     /// Acceptance rule; `None`: no verdict.
@@ -75,6 +77,7 @@ impl Recipe {
             solvers,
             rig: None,
             checks,
+            on_miss: OnMiss::default(),
             series,
             accept: None,
             presses_max: PRESSES_MAX,

@@ -4,7 +4,7 @@ use super::accept::{Accept, read_rule};
 use super::keys::{self, cells, drag, evaluate, grid, list, press, random, record, root, step};
 use super::load::{ReadLoad, read_load};
 use super::over_time::read_over_time;
-use super::{Checks, KEYS, Manner, PRESSES_MAX, Phase, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice};
+use super::{Checks, KEYS, Manner, OnMiss, PRESSES_MAX, Phase, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice};
 use palpate_control::Drag;
 use palpate_core::quantity::round;
 use palpate_document::{self as document, Key, Problem, Problems, Table};
@@ -41,6 +41,7 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         let solvers: Vec<String> = solvers.unwrap_or_default().into_iter().map(str::to_owned).collect();
         let rig = table.text(&root::rig).map(str::to_owned);
         let checks = table.word_or(&root::checks, &keys::CHECKS, Checks::default());
+        let on_miss = table.word_or(&root::on_miss, &keys::ON_MISS, OnMiss::default());
         let series = table
             .table(&root::record)
             .map_or(Some(SeriesScope::None), |table| table.word_or(&record::series, &keys::SCOPES, SeriesScope::None));
@@ -65,13 +66,14 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
             }
         }
         let (name, file, text) = (name?.to_owned(), file.to_owned(), text.to_owned());
-        let (checks, series, accept, presses_max) = (checks?, series?, accept?, PRESSES_MAX);
+        let (checks, on_miss, series, accept, presses_max) = (checks?, on_miss?, series?, accept?, PRESSES_MAX);
         Some(Recipe {
             name,
             steps: steps?,
             solvers,
             rig,
             checks,
+            on_miss,
             series,
             accept,
             presses_max,

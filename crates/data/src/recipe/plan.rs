@@ -4,7 +4,7 @@ use super::accept::force_limits;
 use super::drags::check_drags;
 use super::keys::{press, record, root};
 use super::training::{Entry, training};
-use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice};
+use super::{Checks, GridOrder, OnMiss, PRESSES_CEILING, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice};
 use palpate_control::{DEPTH_MARGIN_MM, Drag, DragLimits, OverTime, PressLevel, PressTask, SetPoint, Strategy};
 use palpate_core::quantity::{
     ArrayLayout, Axis, Frame, Limits, Place, Range, StageAbilities, Steps, Travel, cell_centres, round, stream,
@@ -24,6 +24,8 @@ pub struct Plan {
     pub entries: Vec<Entry>,
     /// When places are checked in addition to these presses.
     pub checks: Checks,
+    /// What becomes of a press with a missed reading.
+    pub on_miss: OnMiss,
     /// Which readings are kept.
     pub series: SeriesScope,
 }
@@ -103,7 +105,8 @@ impl Plan {
             steps.into_iter().for_each(|step| entries.extend(step)); // each step's own are freed on the way
             // a check compares forces
             let checks = if ground.unforced_mm.is_none() { recipe.checks } else { Checks::None };
-            Ok(Plan { name: recipe.name.clone(), seed, entries, checks, series: recipe.series })
+            let Recipe { on_miss, series, .. } = *recipe;
+            Ok(Plan { name: recipe.name.clone(), seed, entries, checks, on_miss, series })
         } else {
             Err(Problems::new(&recipe.file, &recipe.text, problems))
         }

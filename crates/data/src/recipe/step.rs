@@ -86,6 +86,29 @@ impl Checks {
     }
 }
 
+/// What becomes of a press if a reading of the array or of a monitor is missed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OnMiss {
+    /// It is made again; if readings are missed again and again, the run ends.
+    #[default]
+    Retry,
+    /// It is made again; then its row has a flag and blanks, and the run continues.
+    Flag,
+    /// The run ends.
+    End,
+}
+
+impl OnMiss {
+    /// Name in a recipe.
+    pub const fn name(self) -> &'static str {
+        match self {
+            OnMiss::Retry => "retry",
+            OnMiss::Flag => "flag",
+            OnMiss::End => "end",
+        }
+    }
+}
+
 /// Which readings of a press a run keeps beside the means.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SeriesScope {

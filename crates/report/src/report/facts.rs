@@ -51,6 +51,7 @@ fn of_run(run: &Recorded) -> Markup {
     rows.extend(manifest.ended.iter().map(|ended| ("ended", clock(ended))));
     rows.push(("flagged rows", flags(run)));
     rows.extend(manifest.glitches.text().map(|text| ("glitches", text)));
+    rows.extend(manifest.missed.text().map(|text| ("missed readings", text)));
     if facts.imported.is_none() && !facts.without_load_cell {
         rows.push(("zero without load", zeros(run)));
     }

@@ -315,6 +315,9 @@ keys! {
         hard_contact = "hard-contact" {
             value: Number(STIFFNESS), Allowed, "stiffness from the next contact; without it 20 N/mm", "20.0";
         }
+        array_lost = "array-lost" {
+            value: Number(TIME), Allowed, "time for which the array is silent; without it for ever", "2.5";
+        }
         slow_stage = "slow-stage" {
             value: Number(LATENCY), Allowed, "additional time of each exchange; the default is 200 ms", "200.0";
         }

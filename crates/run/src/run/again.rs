@@ -59,7 +59,10 @@ impl Runner<'_> {
                 drag: None,
             };
             let task = if by_hand { again(known, self.plan).unwrap_or(task) } else { task };
-            let pressed = self.contact(UNCOUNTED + nth as u64, known.place, &task, next).await?;
+            let number = UNCOUNTED + nth as u64;
+            let pressed = self
+                .again_if_missed(async |runner: &mut Runner<'_>| runner.contact(number, known.place, &task, next).await)
+                .await?;
             let touched_mm = pressed.touched_mm.unwrap_or(f64::NAN);
             let t_s = self.conditions.clock.now_s();
             let retouch = Retouch { t_s, place: known.place, before_mm: known.z_mm, touched_mm };

@@ -236,7 +236,7 @@ impl Runner<'_> {
         // the press before ended in the clear above its place or the next one; here the surface may be higher
         self.rig_control.retract(self.park_mm()).await?;
         self.standby = None;
-        let mut contact = self.press(entry, next).await?;
+        let mut contact = self.again_if_missed(async |runner: &mut Runner<'_>| runner.press(entry, next).await).await?;
         let number = self.checks.made;
         contact.press = number;
         contact.levels.iter_mut().for_each(|level| level.press = number);

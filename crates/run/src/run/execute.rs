@@ -159,6 +159,7 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
                 standby,
                 zeroed,
                 full_zero_n,
+                flagged: 0,
                 felt,
                 checks: Checking::default(),
             };
@@ -245,7 +246,7 @@ impl Ending {
         let text = |halt: &Halt| match halt {
             Halt::Cancelled => None,
             Halt::Tripped(trip) => Some(trip.to_string()),
-            Halt::Device(error) => Some(error.to_string()),
+            Halt::Device(error) | Halt::Missed(error) => Some(error.to_string()),
             Halt::Record(error) => Some(error.to_string()),
             Halt::Unconfirmed(why) | Halt::OutOfBounds(why) => Some(why.clone()),
         };
@@ -303,6 +304,8 @@ pub(super) struct Runner<'a> {
     pub zeroed: Instant,
     /// Load cell reading without load at the last complete measurement of the zero, N.
     pub full_zero_n: f64,
+    /// Number of presses in a row whose readings were missed, and that were flagged.
+    pub flagged: u32,
     /// Last contact in which the array was sampled: place, force, and outputs, V.
     pub felt: Option<((Place, SetPoint), Vec<f64>)>,
     /// Checks so far, and what they are compared with.
@@ -348,10 +351,8 @@ impl Runner<'_> {
             self.pressing = Some(entry.press);
             self.listener.begins(entry);
             let next = left.front().map(|next| next.place);
-            let series = self.rig_control.series.clone();
-            series.iter().for_each(|series| series.begin(entry.press, self.monitors.values()));
-            let mut contact = self.press(entry, next).await?;
-            contact.series = series.map(|series| series.end()).transpose()?;
+            let mut contact = self.press_again_if_missed(entry, next).await?;
+            contact.series = self.rig_control.series.as_ref().map(|series| series.end()).transpose()?;
             if let Some((felt, _)) = felt(&contact) {
                 self.response.take(self.with_noise(felt))?;
             }
@@ -378,7 +379,7 @@ impl Runner<'_> {
     /// Reads the monitors without load, and rests until their values are within their bounds.
     async fn await_monitors(&mut self, next: Place) -> Result<(), Halt> {
         let began = Instant::now();
-        while let Some(wait) = self.monitors.look(self.conditions.clock, self.listener).await? {
+        while let Some(wait) = self.look_at_monitors().await? {
             self.rest(wait.as_secs_f64(), next).await?;
         }
         if began.elapsed() > NO_LOAD_FRESH {
@@ -407,7 +408,9 @@ impl Runner<'_> {
     /// Takes a new zero, away from the specimen, and goes back to where the last contact ended.
     async fn zero_again(&mut self, next: Place) -> Result<(), Halt> {
         self.rig_control.retract(self.park_mm()).await?;
-        let zero = take_zero(&mut self.rig_control, &self.conditions).await?;
+        let zero = self
+            .again_if_missed(async |runner: &mut Runner<'_>| take_zero(&mut runner.rig_control, &runner.conditions).await)
+            .await?;
         self.permit = permit(&self.rig_control, self.conditions.spec, &self.reaction);
         (self.zeroed, self.full_zero_n) = (Instant::now(), self.rig_control.cell.watch.zero().offset_n);
         self.ledger.record(&zero)?;

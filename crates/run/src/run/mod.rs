@@ -17,6 +17,8 @@ mod feel;
 mod findings;
 mod home;
 mod last_resort;
+mod late;
+mod missed;
 mod monitors;
 mod motion;
 mod no_load_outputs;
@@ -66,6 +68,8 @@ pub enum Halt {
     OutOfBounds(String),
     /// A device failed.
     Device(DeviceError),
+    /// A reading of the array or of a monitor was missed, and its time may be over soon.
+    Missed(DeviceError),
     /// The record couldn't be written.
     Record(DatasetError),
     /// No reading has confirmed that z moves away from the specimen when it is commanded to.
@@ -75,7 +79,7 @@ pub enum Halt {
 impl Halt {
     /// Whether a safety rule was broken or a device failed, so that the specimen may have risen.
     pub(crate) fn is_fault(&self) -> bool {
-        matches!(self, Halt::Tripped(_) | Halt::Device(_))
+        matches!(self, Halt::Tripped(_) | Halt::Device(_) | Halt::Missed(_))
     }
 }
 

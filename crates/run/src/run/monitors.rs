@@ -20,8 +20,10 @@ pub(super) struct Monitors {
 struct Monitor {
     spec: MonitorSpec,
     device: AnyArray,
-    /// Last reading; `None` before the first.
+    /// Last reading; `None` before the first, and after one that was missed.
     last: Option<(Instant, MonitorValue)>,
+    /// Whether the last reading was missed.
+    is_missed: bool,
 }
 
 impl Monitors {
@@ -36,7 +38,7 @@ impl Monitors {
         for (spec, mut device) in spec.monitors.iter().cloned().zip(std::mem::take(&mut rig.monitors)) {
             let identity = unless_stopped(cancel, device.prepare()).await?.map_err(|error| spec.named(error))?;
             identities.push(Identity { role: spec.role(), ..identity });
-            all.push(Monitor { spec, device, last: None });
+            all.push(Monitor { spec, device, last: None, is_missed: false });
         }
         Ok((Monitors { all, waited_s: 0.0 }, identities))
     }
@@ -59,7 +61,7 @@ impl Monitors {
         clock: RunClock,
         listener: &mut dyn Listener,
     ) -> Result<Option<Duration>, Halt> {
-        self.refresh(clock).await?;
+        self.refresh(clock).await.map_err(Halt::unread)?;
         let outside = self.all.iter().find_map(|monitor| Some((&monitor.spec, monitor.outside()?)));
         let Some((spec, text)) = outside else {
             self.waited_s = 0.0;
@@ -76,6 +78,21 @@ impl Monitors {
         Ok(Some(seconds(wait_s)))
     }
 
+    /// Whether the last reading of a monitor was missed.
+    pub(super) fn are_missed(&self) -> bool {
+        self.all.iter().any(|monitor| monitor.is_missed)
+    }
+
+    /// Whether the monitors whose last readings were missed answer again.
+    pub(super) async fn answer(&mut self) -> bool {
+        for Monitor { device, .. } in self.all.iter_mut().filter(|monitor| monitor.is_missed) {
+            if !answers(device).await {
+                return false;
+            }
+        }
+        true
+    }
+
     /// Returns the last values, in the order of the rig.
     pub(super) fn values(&self) -> Vec<MonitorValue> {
         self.all.iter().filter_map(|monitor| Some(monitor.last.as_ref()?.1.clone())).collect()
@@ -88,12 +105,21 @@ impl Monitors {
     }
 }
 
+/// Whether a device of outputs is reached and answers. What it had to say until then is left out.
+pub(super) async fn answers<A: SensorArray>(device: &mut A) -> bool {
+    let mut outputs = vec![0.0; device.units()];
+    device.prepare().await.is_ok() && device.read(&mut outputs).await.is_ok()
+}
+
 impl Monitor {
     /// Reads the value if it is due. A value outside its bounds is always due.
     async fn refresh(&mut self, clock: RunClock) -> Result<(), DeviceError> {
         let is_known = self.last.as_ref().is_some_and(|(read, _)| read.elapsed().as_secs_f64() < self.spec.every_s);
         if !is_known || self.outside().is_some() {
+            self.is_missed = true;
+            self.last = None;
             let value = self.read().await?;
+            self.is_missed = false;
             let (now, t_s, name) = (Instant::now(), round(clock.now_s(), 4), self.spec.name.clone());
             self.last = Some((now, MonitorValue { name, value, t_s }));
         }

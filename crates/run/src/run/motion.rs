@@ -332,7 +332,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             stage.begin(&ways, speed_mm_s, &orders).await?;
             ends.set(Some(Instant::now() + expected));
             begun.set(Instant::now());
-            Ok(stage.follow(&axes, expected, &orders).await?)
+            let places_mm = stage.follow(&axes, expected, &orders).await?;
+            due.set(None); // the array is still awaited
+            Ok(places_mm)
         });
         let steered = |watched_cell: &mut WatchedLoadCell<'_, C>, force_n: f64| {
             due.set(due.get().map(|_| begun.get() + due_after.mul_f64(orders.slowness())));
@@ -396,7 +398,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     }
 
     /// Reads z back in contact while the force is read.
-    async fn watch_z(&mut self) -> Result<(), Halt> {
+    pub(super) async fn watch_z(&mut self) -> Result<(), Halt> {
         let (orders, due) = (MotionOrders::default(), Cell::new(Some(Instant::now())));
         let stage = &mut self.stage;
         let look = pin!(async { Ok(stage.position_mm(Axis::Z, &orders).await?) });

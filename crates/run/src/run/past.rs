@@ -152,7 +152,7 @@ pub(super) fn felt(contact: &RecordedContact) -> Option<(MeasuredContact, SetPoi
     let loaded = |level: &&dataset::Press| level.set_point().is_some_and(SetPoint::is_loaded);
     let level = contact.levels.iter().find(loaded)?;
     let (set, force_n, place) = (level.set_point()?, level.force_n?, Place::new(level.x_mm, level.y_mm));
-    let is_measured = !level.flags.iter().any(|flag| matches!(flag, Flag::Saturated | Flag::Stale));
+    let is_measured = !level.flags.iter().any(|flag| matches!(flag, Flag::Saturated | Flag::Stale | Flag::Missed));
     let felt = MeasuredContact { place, force_n, outputs: level.outputs.clone(), sigmas: [0.0; 2] };
     (force_n > 0.0 && is_measured).then_some((felt, set))
 }
@@ -162,7 +162,7 @@ mod tests {
     use super::*;
     use palpate_control::{PressTask, Strategy};
     use palpate_data::dataset::Memory;
-    use palpate_data::recipe::{Checks, Entry, Phase, SeriesScope};
+    use palpate_data::recipe::{Checks, Entry, OnMiss, Phase, SeriesScope};
 
     fn contact(press: u64, learned_contact: LearnedContact) -> Record {
         let left = Some(Left { z_mm: -0.2 - press as f64 });
@@ -198,6 +198,7 @@ mod tests {
             seed: 1,
             entries: (0..).zip(places).map(entry).collect(),
             checks: Checks::None,
+            on_miss: OnMiss::End,
             series: SeriesScope::None,
         }
     }

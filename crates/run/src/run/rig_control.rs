@@ -34,7 +34,7 @@ const OUTPUT_SHARE: f64 = 1e-3;
 /// Number of successive readings that must show such a change.
 pub(super) const OUTPUT_LOOKS: usize = 3;
 /// Age at which a force is read again before a motion, as a fraction of the age at which it is stale: the next reading takes its time too.
-const OLD_SHARE: f64 = 0.5;
+pub(super) const OLD_SHARE: f64 = 0.5;
 /// Number of force readings that detect a light touch, and least mean above zero, in sd.
 const LIGHT_READINGS: u32 = 20;
 
@@ -615,7 +615,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
         let mut now = vec![0.0; self.array.units()];
         let mut worst = (0.0, 0.0);
         for _ in 0..OUTPUT_LOOKS {
-            self.array.read(&mut now).await?;
+            self.cell.watched_while(self.array.read(&mut now)).await?.map_err(Halt::unread)?;
             match moved_beyond(&known.outputs, &now, &self.no_load_sigmas, array.range_v) {
                 Some(beyond) => worst = beyond,
                 None => {

@@ -1,6 +1,7 @@
 //! Readings averaged over a window.
 
 use super::Halt;
+use super::late::Late;
 use super::retraction::then_notify;
 use super::rig_control::{RigControl, side_mean};
 use palpate_control::{Mean, STALE_S, mean_of};
@@ -58,8 +59,8 @@ impl OutputMeans {
         while goes_on(self.readings) {
             let asked = Instant::now();
             if begins() {
-                array.read(&mut now).await?;
-                check(&now, asked.elapsed())?;
+                let read = array.read(&mut now).await;
+                read.and_then(|()| check(&now, asked.elapsed())).map_err(Halt::unread)?;
                 self.take(&now);
             }
             tokio::select! {
@@ -125,7 +126,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let lag = Duration::from_secs_f64(self.timing.lag_s);
         // each at its own speed: neither waits for the other
         let (watched_cell, array) = (&mut self.cell, &mut self.array);
-        let over = Notify::new();
+        let (over, late_outputs) = (Notify::new(), Late::default());
         let forces = async {
             let mut read: Vec<(f64, f64)> = Vec::new();
             let mut sides: Vec<Option<[f64; 2]>> = Vec::new();
@@ -138,10 +139,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
                     Ok(_) => {}
                     Err(halt) => {
                         over.notify_one(); // a lost window isn't completed
+                        late_outputs.give_up_soon().await;
                         return Err(halt);
                     }
                 }
             }
+            watched_cell.watch_while(&late_outputs).await?;
             Ok::<_, Halt>((mean_of(&read, watched_cell.watch.zero()), side_mean(sides.into_iter())))
         };
         let goes_on = |readings| Instant::now() < until || readings < READINGS_LEAST;
@@ -152,9 +155,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         };
         let truth = &self.truth;
         let outputs = async {
-            let outputs = means.take_while(array, &over, || true, goes_on, check).await;
+            let taken = means.take_while(array, &over, || true, goes_on, check);
+            let outputs = late_outputs.ends(taken).await;
             truth.close_window();
-            outputs
+            outputs.unwrap_or(Ok(())) // given up only where the force has halted
         };
         let (force, outputs) = tokio::join!(forces, outputs);
         self.series.iter().for_each(|series| series.window(false));
@@ -176,12 +180,16 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         self.series.iter().for_each(|series| series.window(true));
         let at_rest = self.at_rest();
         let (stage, watched_cell, array) = (&mut self.stage, &mut self.cell, &mut self.array);
-        let (failed, over) = (Cell::new(false), Notify::new());
+        let (failed, over, late) = (Cell::new(false), Notify::new(), Late::default());
         let forces = async {
             while Instant::now() < until && !failed.get() {
-                watched_cell.force_n().await.inspect_err(|_| failed.set(true))?;
+                if let Err(halt) = watched_cell.force_n().await {
+                    failed.set(true);
+                    late.give_up_soon().await;
+                    return Err(halt);
+                }
             }
-            Ok::<(), Halt>(())
+            watched_cell.watch_while(&late).await
         };
         let forces = then_notify(forces, &over);
         let rests = async { at_rest.asked(stage, until, &over, &failed).await.inspect_err(|_| failed.set(true)) };
@@ -189,14 +197,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             let mut now = vec![0.0; array.units()];
             while Instant::now() < until && !failed.get() {
                 let read = array.read(&mut now).await.and_then(|()| is_saturated(&now, None));
-                read.inspect_err(|_| failed.set(true))?;
+                read.inspect_err(|_| failed.set(true)).map_err(Halt::unread)?;
             }
             Ok::<(), Halt>(())
         };
-        let (forces, outputs, rests) = tokio::join!(forces, outputs, rests);
+        let (forces, outputs, rests) = tokio::join!(forces, late.ends(outputs), rests);
         self.series.iter().for_each(|series| series.window(false));
         forces?;
-        outputs?;
+        outputs.unwrap_or(Ok(()))?; // given up only where the force has halted
         rests?;
         self.cell.mean_n(FOLLOWED_READINGS).await
     }

@@ -33,7 +33,7 @@ pub enum FaultKind {
     Stale,
     /// The stage's link is silent: requests are neither acted on nor answered.
     StageLost,
-    /// The array's link is silent, as if it were unplugged.
+    /// The array's link is silent, as if it were unplugged: for the value, s, or for ever without one.
     ArrayLost,
     /// Each exchange of the stage takes longer by the value, ms.
     SlowStage,
@@ -98,6 +98,12 @@ impl SceneFaults {
     /// Whether a fault of a kind has begun by now.
     pub(super) fn any(&self, kind: FaultKind, now_s: f64) -> bool {
         self.values(kind, now_s).next().is_some()
+    }
+
+    /// Whether the array's link is silent now.
+    pub(super) fn silences_array(&self, now_s: f64) -> bool {
+        let until_s = |fault: &SceneFault| fault.from_s + fault.value.unwrap_or(f64::INFINITY);
+        self.0.iter().any(|fault| fault.kind == FaultKind::ArrayLost && (fault.from_s..until_s(fault)).contains(&now_s))
     }
 
     /// Returns the kinds that begin after `after_s` and not later than `now_s`.

@@ -250,7 +250,7 @@ impl Scene {
         let silent = match device {
             SceneDevice::Stage => self.faults.any(FaultKind::StageLost, now_s),
             SceneDevice::LoadCell => self.faults.any(FaultKind::Stale, now_s),
-            SceneDevice::Array => self.faults.any(FaultKind::ArrayLost, now_s),
+            SceneDevice::Array => self.faults.silences_array(now_s),
         };
         if silent {
             return None;
