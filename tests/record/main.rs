@@ -8,6 +8,7 @@ mod damage;
 mod drags;
 mod foreign;
 mod kills;
+mod missed;
 mod monitors;
 mod owner;
 mod pauses;
