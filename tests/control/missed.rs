@@ -34,6 +34,9 @@ const IN_CONTACT_N: f64 = 0.5;
 const RISES_MM: f64 = 1.0;
 const RISES_AFTER_S: f64 = 0.5;
 
+/// Longest time from there until the indenter leaves, s: half of what the driver would take.
+const LEFT_WITHIN_S: f64 = 0.5;
+
 /// What the driver says of an array that is silent.
 const NO_ANSWER: &str = "array (LabJack T7 at sim): while reading the outputs: no answer within 500 ms, 3 times";
 
@@ -215,8 +218,11 @@ fn the_force_is_watched_while_an_array_is_silent_in_contact() {
     spec.scene.faults.push(SceneFault { kind: FaultKind::Risen, from_s, value: Some(RISES_MM) });
     let risen = executed_with(&spec, &plan, Deaths::Ignored, &silent);
     assert_eq!(end_of(&risen.ending), "over-force", "{:?}", risen.ending.text());
-    let since_s = risen.virtual_s - from_s;
-    println!("{since_s:.2} s from the rise to the end");
+    let tripped_s = risen.ledger.records().iter().find_map(|record| match record {
+        Record::Trip { t_s, .. } => Some(t_s - from_s),
+        _ => None,
+    });
+    assert!(tripped_s.is_some_and(|since_s| since_s < LEFT_WITHIN_S), "{tripped_s:?} s");
     assert!(risen.left_n == 0.0, "{} N left", risen.left_n);
 }
 

@@ -62,7 +62,10 @@ fn a_run_with_silences_and_kills_has_each_row_once() {
     let missed = manifest["missed"]["count"].as_u64().unwrap_or(0);
     println!("{presses} presses, {kills} kills, {missed} missed readings");
     assert!(missed >= kills as u64, "{missed} missed readings");
-    assert_eq!((&manifest["status"], &manifest["rows_flagged"]), (&"complete".into(), &0.into()));
+    assert_eq!(manifest["status"], "complete");
+    // an answer that came late, at the end of a silence, is flagged as ever
+    let flags = bench.column("run/presses.csv", "flags");
+    assert!(flags.iter().all(|flags| flags.is_empty() || flags == "stale"), "{flags:?}");
 }
 
 #[test]
