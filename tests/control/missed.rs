@@ -7,7 +7,9 @@ use palpate_run::rig::SimulatedRig;
 use palpate_sim::emulator::{Instrument, Owed};
 use palpate_sim::scene::{FaultKind, Scene, SceneFault};
 use palpate_testing::campaign;
-use palpate_testing::executions::{BENCHES, Deaths, ExecutedRun, bench, end_of, executed_with, in_parallel, must_be_none, plan};
+use palpate_testing::executions::{
+    BENCHES, Deaths, ExecutedRun, bench, end_of, executed_with, in_parallel, must_be_none, plan,
+};
 use palpate_testing::observed::{Observer, observed};
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
@@ -184,7 +186,8 @@ fn a_press_is_flagged_after_its_retries_and_later_ones_are_measured() {
     let (sound, requests) = run(PRESSES.0, "", &[]);
     // the array is back for each retry, and fails again with the next window
     let errors: Vec<(u64, Miss)> = (0..3).map(|nth| (requests / LATE + ERRORS_APART * nth, Miss::Error)).collect();
-    let runs = in_parallel(&["on_miss = \"retry\"", "on_miss = \"flag\""], |on_miss| run(PRESSES.0, on_miss, &errors).0);
+    let runs =
+        in_parallel(&["on_miss = \"retry\"", "on_miss = \"flag\""], |on_miss| run(PRESSES.0, on_miss, &errors).0);
     let text = runs[0].ending.text().expect("it ended early");
     assert!(text.contains("Server device failure") && missed(&runs[0]) == 3, "{text}");
     assert_eq!((runs[1].ending.text(), recorded(&runs[1])), (None, recorded(&sound)));

@@ -38,7 +38,8 @@ fn recipe(presses: u64, phases: &[&str], on_miss: &str) -> String {
 
 #[test]
 fn a_run_with_silences_and_kills_has_each_row_once() {
-    let (presses, kills) = (campaign::size(PRESSES.0 as usize, PRESSES.1 as usize) as u64, campaign::size(KILLS.0, KILLS.1));
+    let (presses, kills) =
+        (campaign::size(PRESSES.0 as usize, PRESSES.1 as usize) as u64, campaign::size(KILLS.0, KILLS.1));
     let rig = rig((0..SILENCES).map(|nth| (FIRST_S + APART_S * nth, SILENT_S)));
     let bench = TestFolder::with([("r.toml", recipe(presses, &["calibration"], "retry").as_str()), ("rig.toml", &rig)]);
     let mut rng = stream(SEED, 0, "when a run is killed");

@@ -36,7 +36,8 @@ impl MissedReadings {
     pub fn text(&self) -> Option<String> {
         let MissedReadings { count, last: MissedReading { t_s, press, why } } = self;
         let at = press.map_or_else(|| "between two presses".to_owned(), |press| format!("at press {press}"));
-        let readings = if *count == 1 { "1 reading was missed".to_owned() } else { format!("{count} readings were missed") };
+        let readings =
+            if *count == 1 { "1 reading was missed".to_owned() } else { format!("{count} readings were missed") };
         (!self.are_none()).then(|| format!("{readings}, the last {at} after {t_s:.1} s: {}", shown(why)))
     }
 
@@ -55,7 +56,10 @@ mod tests {
         let mut all = MissedReadings::default();
         assert_eq!(all.text(), None);
         all.add(&MissedReading { t_s: 12.34, press: None, why: "array: silent".to_owned() });
-        assert_eq!(all.text().unwrap(), "1 reading was missed, the last between two presses after 12.3 s: array: silent");
+        assert_eq!(
+            all.text().unwrap(),
+            "1 reading was missed, the last between two presses after 12.3 s: array: silent"
+        );
         all.add(&MissedReading { t_s: 20.0, press: Some(7), why: "array: silent".to_owned() });
         assert_eq!(all.text().unwrap(), "2 readings were missed, the last at press 7 after 20.0 s: array: silent");
     }

@@ -1,7 +1,9 @@
 //! Records of the journal.
 
 use super::journal::Logged;
-use super::{FORMAT, Loss, MissedReading, Press, Provenance, RecordedCheck, RecordedText, RunFacts, SeriesMark, SessionEnd};
+use super::{
+    FORMAT, Loss, MissedReading, Press, Provenance, RecordedCheck, RecordedText, RunFacts, SeriesMark, SessionEnd,
+};
 use palpate_control::{LearnedContact, MainsInterference, NoLoadReadings, Trip, UncertaintyBudget};
 use palpate_core::quantity::Identity;
 use palpate_core::quantity::{Place, any_number, round};

@@ -4,7 +4,9 @@ use super::accept::{Accept, read_rule};
 use super::keys::{self, cells, drag, evaluate, grid, list, press, random, record, root, step};
 use super::load::{ReadLoad, read_load};
 use super::over_time::read_over_time;
-use super::{Checks, KEYS, Manner, OnMiss, PRESSES_MAX, Phase, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice};
+use super::{
+    Checks, KEYS, Manner, OnMiss, PRESSES_MAX, Phase, Places, Recipe, SeriesScope, Step, StepLoad, UnitChoice,
+};
 use palpate_control::Drag;
 use palpate_core::quantity::round;
 use palpate_document::{self as document, Key, Problem, Problems, Table};

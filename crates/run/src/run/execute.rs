@@ -409,7 +409,9 @@ impl Runner<'_> {
     async fn zero_again(&mut self, next: Place) -> Result<(), Halt> {
         self.rig_control.retract(self.park_mm()).await?;
         let zero = self
-            .again_if_missed(async |runner: &mut Runner<'_>| take_zero(&mut runner.rig_control, &runner.conditions).await)
+            .again_if_missed(async |runner: &mut Runner<'_>| {
+                take_zero(&mut runner.rig_control, &runner.conditions).await
+            })
             .await?;
         self.permit = permit(&self.rig_control, self.conditions.spec, &self.reaction);
         (self.zeroed, self.full_zero_n) = (Instant::now(), self.rig_control.cell.watch.zero().offset_n);
