@@ -298,7 +298,7 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
         FaultKind::NoSensor => &["fallen", "no-response", "no-contact", "outputs-moved", "softer-than-taught"],
         FaultKind::NoContact => &["fallen", "no-response", "no-contact"],
         // between two readings of a contact the force seems to disappear; a reading during which it begins is a mean of both signs
-        FaultKind::WrongSign => &["wrong-sign", "no-response", "fallen", "softer-than-taught"],
+        FaultKind::WrongSign => &["wrong-sign", "jumped", "no-response", "fallen", "softer-than-taught"],
         FaultKind::Saturated => &["frozen", "no-response"],
         // a specimen that slips before it touches feels softer than it can be
         FaultKind::Slip => &["fallen", "no-response", "out-of-reach", "softer-than-taught"],
@@ -319,7 +319,10 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
             "still-touching",
         ],
         // a loss of half a newton during a press can have any cause
-        FaultKind::DriftedZero => &["zero-drifted", "wrong-sign", "no-response", "fallen", "softer-than-taught"],
+        FaultKind::DriftedZero => {
+            &["zero-drifted", "jumped", "wrong-sign", "no-response", "fallen", "softer-than-taught"]
+        }
+        FaultKind::RollsOver => &["jumped"],
         // no rig file can state it: `wire_faults` does
         FaultKind::Risen => &[],
     }

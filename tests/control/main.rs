@@ -3,6 +3,7 @@
 
 mod asked_to_stop;
 mod bench_ills;
+mod causes;
 mod drags;
 mod drifting_cell;
 mod false_alarms;

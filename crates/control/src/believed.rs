@@ -28,6 +28,9 @@ const CHANGED: usize = 4;
 /// second reading, because what moves by itself has to be given up soon. Two glitches are equal.
 const STEADY_SHARE: f64 = 0.5;
 
+/// Largest spread of the readings after a step, as a fraction of it. Noise that has grown spreads more.
+const STEP_SHARE: f64 = 0.125;
+
 /// Readings of the seven that are where the force was, from which it is still there: a force that has changed doesn't come back, and two glitches
 /// are followed by two more in one of a hundred cases.
 const RETURNED: usize = 2;
@@ -92,8 +95,10 @@ impl Glitches {
 /// What becomes of a reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Belief {
-    /// It counts, or what the doubted ones have shown counts.
+    /// It counts.
     Believed(ForceReading),
+    /// The doubted ones have shown that the force changed at once, and by how much, N.
+    Changed(ForceReading, f64),
     /// The stage can't have caused it: it is left out, and the next one shows whether it was wrong.
     LeftOut,
     /// The second one in a row, or a later one: a motion toward contact is stopped.
@@ -194,6 +199,12 @@ impl Believed {
         (-still_n - fell_n..=still_n + moved_n).contains(&change_n)
     }
 
+    /// Whether a rise between two readings of a motion with this speed, mm/s, is more than it can cause.
+    pub fn jumps(&self, from: &ForceReading, to: &ForceReading, speed_mm_s: f64, zero: &Zero) -> bool {
+        let apart_s = (to.at_s - from.at_s).max(0.0) + self.conversion_s;
+        to.force_n - from.force_n > floor_n(zero) + self.jolt_n + self.stiffness_n_mm * speed_mm_s * apart_s
+    }
+
     /// Whether enough doubted readings show a change: none of them is where the force was, and none comes back toward it.
     fn has_changed(&self, zero: &Zero) -> bool {
         let last_n = self.last.map_or(zero.offset_n, |last| last.force_n);
@@ -251,7 +262,11 @@ impl Believed {
         }
         let at_s = self.doubted.last().map_or(0.0, |reading| reading.at_s);
         sound.sort_by(|a, b| a.force_n.total_cmp(&b.force_n));
-        Ok(self.believe(ForceReading { at_s, ..sound[sound.len() / 2] }))
+        let changed = ForceReading { at_s, ..sound[sound.len() / 2] };
+        let by_n = self.last.map_or(0.0, |last| changed.force_n - last.force_n);
+        let spread_n = sound[sound.len() - 1].force_n - sound[0].force_n;
+        let believed = self.believe(changed);
+        Ok(if spread_n < STEP_SHARE * by_n.abs() { Belief::Changed(changed, by_n) } else { believed })
     }
 }
 
@@ -307,7 +322,7 @@ mod tests {
         let mut believed = Believed::new(2.0, 0.005, 0.0);
         believed.moves(speed_mm_s);
         let text = |(nth, force_n): (usize, &f64)| match believed.take(&reading(nth, *force_n), &ZERO) {
-            Ok(Belief::Believed(reading)) => format!("{:.2}", reading.force_n - 0.5),
+            Ok(Belief::Believed(reading) | Belief::Changed(reading, _)) => format!("{:.2}", reading.force_n - 0.5),
             Ok(Belief::LeftOut) => "-".to_owned(),
             Ok(Belief::Doubted) => "?".to_owned(),
             Ok(Belief::Rises([_, reading])) => format!("?{:.2}", reading.force_n - 0.5),

@@ -81,6 +81,9 @@ rules! {
     /// The force without load differs from the zero of the run.
     ZeroDrifted, "zero-drifted", doubts_load_cell: true,
         "check whether something touches the indenter, or the cell has drifted since it was zeroed";
+    /// The load cell's reading changed at once by more than the stage and the specimen can cause.
+    Jumped, "jumped", doubts_load_cell: true,
+        "check the load cell's range, because its count turns around at its end, and its supply and cable, because its zero or gain may have changed";
     /// The zero drifts so fast that it moves by a fifth of the force limit in a press.
     Drifts, "drifts", doubts_load_cell: true,
         "let the load cell warm up, away from drafts and motors; a drift in proportion to a larger force limit passes";
@@ -191,6 +194,10 @@ impl Trip {
 impl std::fmt::Display for Trip {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Trip { rule, measured, limit, unit } = self;
+        if unit.contains("readings") {
+            let digits = if measured.fract() == 0.0 { 0 } else { 1 };
+            return write!(f, "{}: {measured:.digits$} {unit}, limit {limit:.0}; {}", rule.name(), rule.check());
+        }
         write!(f, "{}: {measured:.4} {unit}, limit {limit:.4} {unit}; {}", rule.name(), rule.check())
     }
 }

@@ -126,6 +126,11 @@ impl Watch {
         self.last_s = self.last_s.map(|_| at_s);
     }
 
+    /// Number of equal readings in a row until now.
+    pub fn equal(&self) -> u32 {
+        self.equal
+    }
+
     /// Mean that is compared with the limits, N; `None` before two readings.
     pub fn mean_n(&self) -> Option<f64> {
         let count = self.recent.len();

@@ -144,6 +144,7 @@ fn read_fault(table: &Table) -> Option<SceneFault> {
         FaultKind::SlowStage => table.number(&fault::slow_stage::value),
         FaultKind::Noisy => table.number(&fault::noisy::value),
         FaultKind::DriftedZero => table.number(&fault::drifted_zero::value),
+        FaultKind::RollsOver => table.number(&fault::rolls_over::value),
         _ => None,
     };
     Some(SceneFault { kind: kind?, from_s: from_s?, value })

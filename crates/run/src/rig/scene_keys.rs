@@ -327,5 +327,8 @@ keys! {
         drifted_zero = "drifted-zero" {
             value: Number(OFFSET), Allowed, "offset added to the load cell's readings; without it -0.5 N", "-0.5";
         }
+        rolls_over = "rolls-over" {
+            value: Number(FORCE), Allowed, "reading above which the load cell's count turns negative; without it 0.8 N", "0.8";
+        }
     }
 }

@@ -400,7 +400,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
                     let (moved, felt) = tokio::join!(watched(cell, motion, &orders, &due, steer), outputs);
                     felt.and(moved)
                 }
-                ReadingMode::IfItAnswers => unless_it_rises(cell, motion, &orders).await,
+                ReadingMode::IfItAnswers => unless_it_rises(cell, motion, &orders, speed_mm_s).await,
                 ReadingMode::Unread => motion.await,
             }
         };

@@ -6,7 +6,7 @@ use super::rig_control::KnownOutputs;
 use super::window::MeasuredWindow;
 use palpate_control::{
     Averaged, Context, ForceLoop, LearnedContact, LoopCommand, LoopEvent, MeasuredContact, Moment, NoLoadReadings,
-    Permit, PressTask, SetPoint, Softest, Strategy, TOUCH_SIGMA_MM, UncertaintyBudget, Zero,
+    Permit, PressTask, SafetyRule, SetPoint, Softest, Strategy, TOUCH_SIGMA_MM, UncertaintyBudget, Zero,
 };
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::{self, Flag, FollowedTime, Left, NoLoad, PressTruth, RecordedContact};
@@ -300,7 +300,13 @@ impl Runner<'_> {
                     LoopEvent::Moved { z_mm: self.rig_control.z_mm }
                 }
                 LoopCommand::Done => break,
-                LoopCommand::Trip(trip) => return Err(self.rig_control.cell.at_first_touch(trip).await.into()),
+                LoopCommand::Trip(trip) => {
+                    if trip.rule == SafetyRule::NoContact {
+                        // the array may have felt it
+                        self.rig_control.check_outputs_rest(&mut known, &self.conditions.spec.array).await?;
+                    }
+                    return Err(self.rig_control.cell.at_first_touch(trip).await.into());
+                }
             };
         }
         self.rig_control.stage.guard(None).await?;

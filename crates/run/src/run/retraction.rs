@@ -4,7 +4,7 @@ use super::Halt;
 use super::last_resort::{unless_given_up, unless_it_presses_on};
 use super::rig_control::{RigControl, WatchedLoadCell};
 use palpate_control::{MotionProfile, SafetyRule, Timing, Trip, check_sound, safe_speed_mm_s};
-use palpate_core::quantity::{Axis, Limits, Steps, seconds};
+use palpate_core::quantity::{Axis, ForceReading, Limits, Steps, seconds};
 use palpate_link::device::{AxisWay, DeviceError, DeviceProblem, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, timeout};
 use std::time::Duration;
@@ -349,7 +349,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             stage.begin(&[way], speed_mm_s, &orders).await?;
             Ok(stage.follow(&[Axis::Z], seconds(profile.duration_s()), &orders).await?)
         };
-        let places_mm = if is_watched { unless_it_rises(cell, motion, &orders).await? } else { motion.await? };
+        let places_mm =
+            if is_watched { unless_it_rises(cell, motion, &orders, speed_mm_s).await? } else { motion.await? };
         sleep(seconds(self.timing.settle_s)).await;
         self.arrived_z(places_mm.first().copied(), target_mm).await
     }
@@ -426,11 +427,12 @@ pub(super) async fn unless_it_rises<C: LoadCell, T>(
     watched_cell: &mut WatchedLoadCell<'_, C>,
     motion: impl Future<Output = Result<T, Halt>>,
     orders: &MotionOrders,
+    speed_mm_s: f64,
 ) -> Result<T, Halt> {
     let (over, given_up) = (Notify::new(), Notify::new());
     let motion = then_notify(unless_given_up(motion, &given_up), &over);
     let watch = async {
-        let risen = watched_cell.rises(&over).await;
+        let risen = watched_cell.rises(&over, speed_mm_s).await;
         if risen.is_err() {
             orders.stop();
             if watched_cell.rises_beyond(&over).await {
@@ -465,14 +467,22 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
     }
 
     /// Reads until a retraction is over, or the force rises above its lowest value and above zero, because z then moves the wrong way. A cell
-    /// that reads pushes as pulls rises to zero on the way out. A cell that doesn't answer or gives no number doesn't stop the retraction.
-    async fn rises(&mut self, over: &Notify) -> Result<(), Trip> {
+    /// that reads pushes as pulls rises to zero on the way out, and a count that turned around jumps once. A cell that doesn't answer or gives no
+    /// number doesn't stop the retraction.
+    async fn rises(&mut self, over: &Notify, speed_mm_s: f64) -> Result<(), Trip> {
         let most_n = self.watch.rise_most_n();
         let (mut last, mut lowest_n) = ([f64::NEG_INFINITY; RISE_READINGS], f64::INFINITY);
+        let (mut before, mut jumped_n) = (None::<ForceReading>, None);
         while let Some(read) = self.reading_until(over).await {
             let Some(read) = read.ok().filter(|read| check_sound(read).is_ok()) else { continue };
+            if let (Some(before), Some(believed), None) = (&before, &self.believed, jumped_n)
+                && believed.jumps(before, &read, speed_mm_s, self.watch.zero())
+            {
+                jumped_n = Some(read.force_n - before.force_n);
+            }
+            before = Some(read);
             last.rotate_left(1);
-            let force_n = self.watch.zero().from_zero_n(&read);
+            let force_n = self.watch.zero().from_zero_n(&read) - jumped_n.unwrap_or(0.0);
             last[RISE_READINGS - 1] = force_n;
             lowest_n = lowest_n.min(force_n);
             // all of the last readings: a single spike doesn't stop the retraction

@@ -38,6 +38,9 @@ pub(super) const OLD_SHARE: f64 = 0.5;
 /// Number of force readings that detect a light touch, and least mean above zero, in sd.
 const LIGHT_READINGS: u32 = 20;
 
+/// Least number of equal readings of a cell that doesn't follow a contact.
+const EQUAL_LEAST: u32 = 20;
+
 /// Number of readings at rest that show a drift, and least time for them, s. And the force that is off over what the drift explains: it may
 /// have begun or ended in between, but a touch adds a step.
 const DRIFT_READINGS: usize = 50;
@@ -112,6 +115,8 @@ pub(super) struct WatchedLoadCell<'a, C> {
     pub believed: Option<Believed>,
     /// Line of the zero over time; `None` before there is a zero.
     line: Option<ZeroLine>,
+    /// Change of the force at once that doubted readings have shown since the press began, N.
+    changed_n: Option<f64>,
     /// Time of the last reading that counted, by the readings' clock, s.
     read_s: f64,
     /// Whether the stage moves, and whether it is stopped if two readings in a row are doubted.
@@ -158,6 +163,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             believed: None,
             line: None,
             read_s: 0.0,
+            changed_n: None,
             motion: None,
             stopped_by_doubt: false,
         }
@@ -205,6 +211,10 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         let belief = believed.take(&reading, self.watch.zero())?;
         let (is_doubted, counts) = match belief {
             Belief::Believed(reading) => (false, Some((None, reading))),
+            Belief::Changed(reading, by_n) => {
+                self.changed_n = Some(by_n);
+                (false, Some((None, reading)))
+            }
             Belief::LeftOut => (false, None),
             Belief::Doubted => (true, None),
             Belief::Rises([earlier, reading]) => (true, Some((Some(earlier), reading))),
@@ -232,7 +242,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
     pub(super) async fn begin(&mut self) {
         sleep(self.cell.conversion()).await;
         self.cell.forget_timing();
-        self.began = Instant::now();
+        (self.began, self.changed_n) = (Instant::now(), None);
         self.next = self.began;
     }
 
@@ -298,10 +308,11 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
     pub(super) fn without_load(&self, trip: Trip) -> Trip {
         let (sigma_n, most_n) = (self.no_load.sigma_n(), self.watch.zero().noise_most_n());
         let noisy = self.no_load.open && self.no_load.count() >= NO_LOAD_READINGS && sigma_n > most_n;
-        match trip.rule {
-            SafetyRule::WrongSign | SafetyRule::StillTouching if noisy => {
+        match (trip.rule, self.changed_n) {
+            (SafetyRule::WrongSign | SafetyRule::StillTouching, _) if noisy => {
                 Trip::new(SafetyRule::Noisy, sigma_n, most_n, "N")
             }
+            (SafetyRule::WrongSign, Some(by_n)) => Trip::new(SafetyRule::Jumped, by_n, trip.limit.abs(), "N"),
             _ => trip,
         }
     }
@@ -309,6 +320,11 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
     /// Returns the real cause of a broken rule at rest, before the first touch. Noise that has grown looks like an early touch.
     /// It also hides a real touch from the force while the outputs show it.
     pub(super) async fn at_first_touch(&mut self, trip: Trip) -> Trip {
+        if trip.rule == SafetyRule::OutputsMoved && self.watch.equal() >= EQUAL_LEAST {
+            // a cell that repeats its reading is sound until something presses it
+            let (equal, least) = (f64::from(self.watch.equal()), f64::from(EQUAL_LEAST));
+            return Trip::new(SafetyRule::Frozen, equal, least, "equal readings while the array shows a contact");
+        }
         if !matches!(trip.rule, SafetyRule::SurfaceElsewhere | SafetyRule::OutputsMoved) {
             return trip;
         }

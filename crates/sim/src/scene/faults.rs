@@ -41,13 +41,15 @@ pub enum FaultKind {
     Noisy,
     /// The load cell's reading is higher by the value, N.
     DriftedZero,
+    /// The load cell's count rolls over: above the value, N, it reads lower by twice the value.
+    RollsOver,
     /// The specimen is nearer to the indenter by the value, mm. Rig files don't have this kind.
     Risen,
 }
 
 impl FaultKind {
     /// All kinds that a rig file can have, with their names there.
-    pub const ALL: [(&str, FaultKind); 13] = [
+    pub const ALL: [(&str, FaultKind); 14] = [
         ("stuck", FaultKind::Stuck),
         ("no-sensor", FaultKind::NoSensor),
         ("wrong-sign", FaultKind::WrongSign),
@@ -61,12 +63,13 @@ impl FaultKind {
         ("slow-stage", FaultKind::SlowStage),
         ("noisy", FaultKind::Noisy),
         ("drifted-zero", FaultKind::DriftedZero),
+        ("rolls-over", FaultKind::RollsOver),
     ];
 
     /// Returns the default value of a kind: 0.8 N, 20 N/mm, 200 ms, 10 times or -0.5 N; `None` for a kind without a value.
     pub fn usual(self) -> Option<f64> {
         match self {
-            FaultKind::Saturated => Some(0.8),
+            FaultKind::Saturated | FaultKind::RollsOver => Some(0.8),
             FaultKind::HardContact => Some(20.0),
             FaultKind::SlowStage => Some(200.0),
             FaultKind::Noisy => Some(10.0),
