@@ -257,6 +257,7 @@ impl Ending {
             return None;
         }
         parts.extend(self.largest.as_ref().map(LargestForce::text));
+        parts.extend(self.glitches.text());
         Some(parts.join("; "))
     }
 }

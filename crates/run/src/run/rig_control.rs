@@ -1,7 +1,7 @@
 //! The instruments in use.
 
 use super::no_load_outputs::NoLoadOutputs;
-use super::series::{RecordedDevice, SeriesRecorder};
+use super::series::{LargestReading, RecordedDevice, SeriesRecorder};
 use super::window::OutputMeans;
 use super::{Cancel, Halt};
 use crate::rig::{AdjustedCell, ArraySpec, GroundTruth, RigSpec};
@@ -115,6 +115,8 @@ pub(super) struct WatchedLoadCell<'a, C> {
     pub believed: Option<Believed>,
     /// Line of the zero over time; `None` before there is a zero.
     line: Option<ZeroLine>,
+    /// Largest reading before those that are doubted.
+    known_largest: Option<LargestReading>,
     /// Change of the force at once that doubted readings have shown since the press began, N.
     changed_n: Option<f64>,
     /// Time of the last reading that counted, by the readings' clock, s.
@@ -164,6 +166,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             line: None,
             read_s: 0.0,
             changed_n: None,
+            known_largest: None,
             motion: None,
             stopped_by_doubt: false,
         }
@@ -203,14 +206,26 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
     /// Returns the next reading, and the one before if it counts too late; `None` if it is left out.
     async fn next_reading(&mut self) -> Result<Option<(Option<ForceReading>, ForceReading)>, Halt> {
         self.due().await?;
+        let largest = self.cell.largest;
         let reading = self.cell.read().await?;
         let Some(believed) = &mut self.believed else { return Ok(Some((None, reading))) };
         if self.motion.is_none() && Instant::now() > self.settled + self.cell.conversion() {
             believed.moves(0.0);
         }
         let belief = believed.take(&reading, self.watch.zero())?;
+        let known = match belief {
+            Belief::LeftOut | Belief::Doubted => Some(self.known_largest.unwrap_or(largest)),
+            _ => None,
+        };
         let (is_doubted, counts) = match belief {
-            Belief::Believed(reading) => (false, Some((None, reading))),
+            Belief::Believed(reading) => {
+                if let Some(known) = self.known_largest {
+                    // what was doubted was no force
+                    self.cell.largest = known;
+                    self.cell.largest.take(&reading);
+                }
+                (false, Some((None, reading)))
+            }
             Belief::Changed(reading, by_n) => {
                 self.changed_n = Some(by_n);
                 (false, Some((None, reading)))
@@ -219,6 +234,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             Belief::Doubted => (true, None),
             Belief::Rises([earlier, reading]) => (true, Some((Some(earlier), reading))),
         };
+        self.known_largest = known;
         self.stopped_by_doubt |= is_doubted && self.motion == Some(OnDoubt::Stop);
         if counts.is_none() {
             self.watch.heard(reading.at_s);

@@ -135,7 +135,9 @@ impl Pressing {
         self.values = 0;
         let mut readings = std::mem::replace(&mut self.readings, SeriesReadings { press, rows: Vec::new() });
         if let Some(no_load) = &self.no_load {
-            readings.rows.iter_mut().for_each(|reading| reading.value.count_from(no_load));
+            // by our time, which is that of the cell and the least difference
+            let zero_s = self.origin_s.map_or(0.0, |origin_s| origin_s + no_load.force.at_s);
+            readings.rows.iter_mut().for_each(|reading| reading.count_from(no_load, zero_s));
         }
         if !readings.rows.is_empty() && self.failed.is_none() {
             self.failed = queue.add(readings).err();
@@ -166,7 +168,7 @@ pub(super) struct LargestReading {
 }
 
 impl LargestReading {
-    fn take(&mut self, reading: &ForceReading) {
+    pub(super) fn take(&mut self, reading: &ForceReading) {
         let now = (reading.force_n, reading.health.saturated);
         if let Some(before) = self.last.replace(now) {
             let both = if before.0 < now.0 { before } else { now };

@@ -133,12 +133,14 @@ impl SeriesReading {
     }
 }
 
-impl ReadValue {
-    /// Makes a value as the device returned it relative to a reading without load.
-    pub fn count_from(&mut self, no_load: &NoLoad) {
-        match self {
+impl SeriesReading {
+    /// Makes a value as the device returned it relative to a reading without load, which was taken at `zero_s`, and to its drift since.
+    pub fn count_from(&mut self, no_load: &NoLoad, zero_s: f64) {
+        let drift_n =
+            no_load.force.drift.map_or(0.0, |drift| drift.rate_n_s * (self.taken_s.unwrap_or(self.t_s) - zero_s));
+        match &mut self.value {
             ReadValue::Force { force_n, side_n } => {
-                *force_n -= no_load.force.mean_n;
+                *force_n -= no_load.force.mean_n + drift_n;
                 *side_n = side_n.zip(no_load.force.side_mean_n).map(|(now, from)| [now[0] - from[0], now[1] - from[1]]);
             }
             ReadValue::Outputs(outputs) => {
