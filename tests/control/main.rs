@@ -26,6 +26,7 @@ mod safety;
 mod slow_lines;
 mod sound_runs;
 mod spring_world;
+mod stiff;
 mod tilt;
 mod trips;
 mod uncertainty;

@@ -102,7 +102,8 @@ impl ForceLoop {
         if !self.in_contact || !is_loaded {
             return Ok(());
         }
-        if let Some(before) = self.rested.filter(|before| (before.z_mm - self.z_mm).abs() < STEP_LEAST_MM) {
+        // every motion ends a rest, however short it is: on steel a step of 0.1 um is a force
+        if let Some(before) = self.rested {
             let between_s = self.moment.now_s - before.now_s;
             let (rise_n, sigma_n) = (force_n - before.force_n, before.sigma_n.hypot(self.sigma_n));
             let most_n = RISE_SIGMAS * sigma_n + RISE_N_S * between_s;
@@ -122,8 +123,8 @@ impl ForceLoop {
     }
 
     fn rest(&mut self, force_n: f64, is_long: bool) {
-        let (z_mm, sigma_n, now_s) = (self.z_mm, self.sigma_n, self.moment.now_s);
-        self.rested = Some(Rested { z_mm, force_n, sigma_n, now_s, is_long });
+        let (sigma_n, now_s) = (self.sigma_n, self.moment.now_s);
+        self.rested = Some(Rested { force_n, sigma_n, now_s, is_long });
     }
 
     /// Rest after which the slowest cell would have shown a rise, s, if it didn't yet show a part of the force.

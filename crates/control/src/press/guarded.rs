@@ -5,6 +5,7 @@ use super::state::{ForceLoop, PressState, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, T
 use super::{Branch, LoopCommand, SafetyRule, SetPoint, Strategy, Trip};
 use crate::surface::Expected;
 use crate::zero::{DETECT_LEAST_N, DETECT_SIGMAS};
+use palpate_core::quantity::Axis;
 
 /// Fraction of the first force that an approach may add before it stops at contact, and fraction of a set depth.
 const TOUCH_SHARE: f64 = 0.6;
@@ -170,7 +171,9 @@ impl ForceLoop {
         self.note_path();
         let (z_mm, force_n) = (self.z_mm - self.anchor.0, self.force_n - self.anchor.1);
         if force_n.abs() >= LEARN_SHARE * self.level_n() && z_mm * force_n > 0.0 {
-            self.stiffness_n_mm = Some(force_n / z_mm);
+            // each end of the way may be half a step nearer than it was read back; in no more than a step nothing is learned
+            let least_mm = z_mm.abs() - self.step_mm();
+            self.stiffness_n_mm = (least_mm > 0.0).then(|| force_n.abs() / least_mm);
             self.anchor = (self.z_mm, self.force_n);
             // depth counts from the touched surface, once the stiffness is known; before that from the earliest surface
             if let (Some(touched_mm), Some(earliest_mm)) = (self.touched_mm(), earliest_mm(&self.path, self.sigma_n)) {
@@ -248,10 +251,13 @@ impl ForceLoop {
     /// nothing is nearer than here.
     pub(super) fn way_mm(&self, gap_mm: f64) -> Option<f64> {
         let steps = self.context.permit.steps();
-        if steps.is_fine() {
-            return Some(gap_mm.max(STEP_LEAST_MM));
-        }
-        Some(steps.nearest_mm(gap_mm)).filter(|way_mm| *way_mm >= STEP_LEAST_MM)
+        let way_mm = if steps.is_fine() { gap_mm.max(STEP_LEAST_MM) } else { steps.nearest_mm(gap_mm) };
+        Some(way_mm).filter(|_| gap_mm >= self.step_mm() / 2.0)
+    }
+
+    /// Smallest step of z, mm.
+    fn step_mm(&self) -> f64 {
+        self.context.permit.steps().along(Axis::Z).max(STEP_LEAST_MM)
     }
 
     /// Returns the deepest z, mm, no deeper than wanted, at which the stage can stand.

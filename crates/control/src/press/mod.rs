@@ -360,6 +360,7 @@ impl ForceLoop {
     fn grant(&mut self, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
         let z_mm = self.in_steps_mm(z_mm);
         let granted = self.context.permit.advance(&self.context(), z_mm, speed_mm_s)?;
+        self.rested = None;
         let profile =
             MotionProfile::new(z_mm - self.z_mm, granted.speed_mm_s(), self.context.timing.acceleration_mm_s2);
         self.motion =
@@ -387,7 +388,7 @@ impl ForceLoop {
 
     /// Retracts from the specimen. No force rule has to limit this motion.
     fn retract_to(&mut self, z_mm: f64) -> Result<Permitted, Trip> {
-        self.motion = None;
+        (self.motion, self.rested) = (None, None);
         let z_mm = self.in_steps_mm(z_mm);
         self.context.permit.retract(self.z_mm, z_mm, self.context.speed_mm_s)
     }

@@ -83,7 +83,7 @@ pub struct ForceLoop {
     pub(super) shown: (f64, f64),
     /// First look in contact: z and force.
     pub(super) met: (f64, f64),
-    /// Last mean of a stage at rest in contact.
+    /// Last mean of a stage at rest in contact; `None` since the last motion.
     pub(super) rested: Option<Rested>,
     /// Position where the previous motion ended, mm.
     pub(super) before_mm: f64,
@@ -107,7 +107,6 @@ pub(super) struct MotionInProgress {
 /// A mean of the force while the stage rests in contact.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rested {
-    pub(super) z_mm: f64,
     pub(super) force_n: f64,
     pub(super) sigma_n: f64,
     pub(super) now_s: f64,

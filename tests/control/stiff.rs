@@ -1,0 +1,180 @@
+//! Stiff specimens: from silicone to steel, every sound run is complete, and its force exceeds the set one by no more than a step of the stage
+//! and the noise of the load cell explain. Judged by the true values.
+//!
+//! ```sh
+//! PALPATE_TESTS=full cargo test --test control stiff:: -- --nocapture
+//! ```
+
+use super::families::{ESP301, XPS, shipped_rig};
+use palpate_control::Strategy;
+use palpate_core::quantity::{Axis, stream};
+use palpate_run::rig::RigSpec;
+use palpate_sim::scene::{ContactLaw, LoadCellScene, Servo};
+use palpate_testing::campaign;
+use palpate_testing::executions::{ExecutedRun, bench, end_of, executed, in_parallel, must_be_none, plan};
+use rand::RngExt;
+use std::collections::BTreeMap;
+
+/// Stiffness, N/mm: soft silicone, rubber, hard plastic, a steel ball on steel.
+const STIFFNESSES: [f64; 7] = [1.0, 5.0, 20.0, 50.0, 100.0, 200.0, 500.0];
+
+const RIGS: [&str; 3] = ["esp301", "xps", "bench-fast"];
+
+/// Seeds and presses of a combination: quick, and full. A map is taught by ten presses.
+const SEEDS: (usize, usize) = (1, 5);
+const PRESSES: (usize, usize) = (3, 16);
+
+/// Quick: one in so many combinations.
+const QUICK_EVERY: usize = 10;
+
+/// Step of the stage, mm, to which its targets are rounded, and noise of the load cell, N.
+const STEP_MM: f64 = 0.0001;
+const NOISE_N: f64 = 0.003;
+/// Force over the set one that the noise explains, in sd of the cell.
+const SIGMAS: f64 = 4.0;
+
+/// Part of a sudden load that relaxes.
+const RELAXED: f64 = 0.1;
+
+/// Height from which z descends, mm: a longer way from home only costs time.
+const ABOVE_MM: f64 = 1.4;
+
+/// A sound run on a specimen.
+#[derive(Clone, Copy, Debug)]
+struct StiffDraw {
+    stiffness_n_mm: f64,
+    rig: &'static str,
+    strategy: Strategy,
+    seed: u64,
+}
+
+/// How it went.
+struct StiffOutcome {
+    end: String,
+    /// True force over the set one, N: largest at any time, and in the window either way.
+    over_n: f64,
+    off_n: f64,
+    virtual_s: f64,
+}
+
+impl StiffDraw {
+    fn all() -> Vec<StiffDraw> {
+        let mut all = Vec::new();
+        for stiffness_n_mm in STIFFNESSES {
+            for rig in RIGS {
+                for strategy in Strategy::ALL {
+                    let draw = |seed| StiffDraw { stiffness_n_mm, rig, strategy, seed };
+                    all.extend((1..=campaign::size(SEEDS.0, SEEDS.1) as u64).map(draw));
+                }
+            }
+        }
+        all.into_iter().step_by(campaign::every(QUICK_EVERY, 1)).collect()
+    }
+
+    /// The rig over its specimen, which relaxes in every second seed and has no edge in every third.
+    fn spec(&self) -> RigSpec {
+        let StiffDraw { stiffness_n_mm, rig, seed, .. } = *self;
+        let mut spec = match rig {
+            "bench-fast" => bench(rig),
+            _ => shipped_rig(&format!("rigs/{rig}.toml")),
+        };
+        let z = &mut spec.stage.travel.axes[Axis::Z.index()];
+        if rig == "xps" {
+            (spec.frame.surface_z_mm, z.max) = (-ABOVE_MM / 2.0, ABOVE_MM / 2.0); // it homes at 0
+        } else {
+            spec.stage.home_z_mm.get_or_insert(z.max); // the limit is where it was
+            z.max = ABOVE_MM;
+        }
+        let declared = stream(seed, 0, "stiff specimens").random_range(1.0..=1.1);
+        spec.limits.stiffness_n_mm = declared * stiffness_n_mm;
+        spec.limits.depth_mm = spec.limits.depth_mm.max(3.0 * spec.limits.force_n / stiffness_n_mm);
+        let scene = &mut spec.scene;
+        let is_relaxing = seed.is_multiple_of(2);
+        if !is_relaxing {
+            scene.relaxation.clear();
+        }
+        let sudden =
+            if is_relaxing { 1.0 + scene.relaxation.iter().map(|branch| branch.share).sum::<f64>() } else { 1.0 };
+        let toe_mm = if seed.is_multiple_of(3) { 0.01 } else { 0.0 };
+        scene.contact = ContactLaw { linear_n_mm: stiffness_n_mm / sudden, quadratic_n_mm2: 0.0, toe_mm };
+        scene.stiffness = None; // the stiffest place is the declared one
+        if rig == "esp301" {
+            scene.stage = Some(Servo { quantum_mm: STEP_MM, ..scene.stage.unwrap_or_default() });
+        }
+        let cell = scene.load_cell.unwrap_or_default();
+        scene.load_cell = Some(LoadCellScene { noise_n: NOISE_N, ..cell });
+        spec
+    }
+
+    fn run(&self) -> StiffOutcome {
+        let spec = self.spec();
+        let text = format!(
+            "name = \"stiff\"\nchecks = \"none\"\n[press]\nstrategy = \"{}\"\n[[step]]\nphase = \"calibration\"\n\
+             random = {{ count = {}, x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], force_n = [0.3, 1.8] }}\n",
+            self.strategy.name(),
+            campaign::size(PRESSES.0, PRESSES.1),
+        );
+        StiffOutcome::of(&executed(&spec, &plan(&spec, &text, self.seed)))
+    }
+
+    /// Force of one step, N.
+    fn step_n(&self) -> f64 {
+        STEP_MM * self.stiffness_n_mm
+    }
+
+    /// Largest force over the set one, N.
+    fn over_most_n(&self) -> f64 {
+        self.step_n() + SIGMAS * NOISE_N
+    }
+}
+
+impl StiffOutcome {
+    fn of(run: &ExecutedRun) -> StiffOutcome {
+        let (mut over_n, mut off_n) = (f64::NEG_INFINITY, 0f64);
+        for contact in run.ledger.contacts() {
+            let set_n = contact.levels[0].force_set_n.expect("a force");
+            over_n = over_n.max(contact.truth[0].force_peak_n - set_n);
+            off_n = off_n.max((contact.truth[0].force_true_n - set_n).abs());
+        }
+        let end = match end_of(&run.ending) {
+            "-" => "-".to_owned(),
+            _ => format!("{} after {} presses", run.ending.text().unwrap_or_default(), run.ledger.contacts().count()),
+        };
+        StiffOutcome { end, over_n, off_n, virtual_s: run.virtual_s }
+    }
+}
+
+#[test]
+fn sound_runs_on_specimens_from_silicone_to_steel_are_complete() {
+    let draws = StiffDraw::all();
+    let outcomes = in_parallel(&draws, StiffDraw::run);
+    let mut rows: BTreeMap<(usize, &str, &str), Vec<&StiffOutcome>> = BTreeMap::new();
+    for (draw, outcome) in draws.iter().zip(&outcomes) {
+        let key = (draw.stiffness_n_mm as usize, draw.rig, draw.strategy.name());
+        rows.entry(key).or_default().push(outcome);
+    }
+    println!("{:>8} {:>10} {:>9} {:>8} {:>8} {:>8}  ends", "N/mm", "rig", "strategy", "over mN", "off mN", "s");
+    for ((n_mm, rig, strategy), outcomes) in rows {
+        let most = |of: fn(&StiffOutcome) -> f64| outcomes.iter().map(|outcome| of(outcome)).fold(f64::MIN, f64::max);
+        let mut ends: BTreeMap<&str, usize> = BTreeMap::new();
+        outcomes
+            .iter()
+            .for_each(|outcome| *ends.entry(outcome.end.split(':').next().unwrap_or_default()).or_default() += 1);
+        let (over_mn, off_mn) = (1e3 * most(|outcome| outcome.over_n), 1e3 * most(|outcome| outcome.off_n));
+        println!(
+            "{n_mm:>8} {rig:>10} {strategy:>9} {over_mn:>8.1} {off_mn:>8.1} {:>8.0}  {ends:?}",
+            most(|outcome| outcome.virtual_s)
+        );
+    }
+    let broken =
+        draws.iter().zip(&outcomes).filter(|(draw, outcome)| outcome.end != "-" || outcome.over_n > draw.over_most_n());
+    let text = |(draw, outcome): (&StiffDraw, &StiffOutcome)| {
+        format!(
+            "{draw:?}: {} ({:.1} mN over, at most {:.1})",
+            outcome.end,
+            1e3 * outcome.over_n,
+            1e3 * draw.over_most_n()
+        )
+    };
+    must_be_none(&broken.map(text).collect::<Vec<_>>());
+}
