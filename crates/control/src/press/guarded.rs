@@ -1,11 +1,10 @@
 //! The guarded press: contact stops a slow approach, then steps from below follow. Each step uses a stiffness that can't be too
 //! small. So the force exceeds the set force only if a single step of the stage causes that.
 
-use super::state::{ForceLoop, PressState, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, TELL_SIGMAS};
+use super::state::{ForceLoop, MotionInProgress, PressState, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, TELL_SIGMAS};
 use super::{Branch, LoopCommand, SafetyRule, SetPoint, Strategy, Trip};
 use crate::surface::Expected;
 use crate::zero::{DETECT_LEAST_N, DETECT_SIGMAS};
-use palpate_core::quantity::Axis;
 
 /// Fraction of the first force that an approach may add before it stops at contact, and fraction of a set depth.
 const TOUCH_SHARE: f64 = 0.6;
@@ -180,6 +179,19 @@ impl ForceLoop {
                 self.first_mm = self.first_mm.max(earliest_mm.min(touched_mm));
             }
         }
+        if self.stiffens() {
+            self.stiffness_n_mm = None;
+        }
+    }
+
+    /// Whether the last step was stiffer than the learned stiffness allows for, whatever its noise: on steel the rounding of a tip takes
+    /// most of the way, and the stiffness before says little of the one after.
+    fn stiffens(&self) -> bool {
+        let (Some(learned), Some(MotionInProgress { from_mm, from_n, .. })) = (self.stiffness_n_mm, self.motion) else {
+            return false;
+        };
+        let rise_n = self.force_n - from_n - TELL_SIGMAS * std::f64::consts::SQRT_2 * self.sigma_n;
+        rise_n > STIFFENING * learned * (self.z_mm - from_mm + self.step_mm())
     }
 
     /// Moves closer to the level from the level's own side. If the level is reached, continues to the dwell and the window.
@@ -256,8 +268,8 @@ impl ForceLoop {
     }
 
     /// Smallest step of z, mm.
-    fn step_mm(&self) -> f64 {
-        self.context.permit.steps().along(Axis::Z).max(STEP_LEAST_MM)
+    pub(super) fn step_mm(&self) -> f64 {
+        self.context.permit.steps().least_z_mm()
     }
 
     /// Returns the deepest z, mm, no deeper than wanted, at which the stage can stand.

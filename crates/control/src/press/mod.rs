@@ -276,7 +276,8 @@ impl ForceLoop {
 
     /// Checks for a force that disappeared although nothing was retracted. The specimen slipped, or the cell no longer measures.
     fn check_fall(&self, force_n: f64) -> Result<(), Trip> {
-        let retracted = self.before_mm > self.z_mm + STEP_LEAST_MM;
+        // on steel one step takes most of a small force away
+        let retracted = self.before_mm > self.z_mm + self.step_mm() / 2.0;
         let least_n = LEFT_SHARE * self.force_n - TELL_SIGMAS * self.sigma_n;
         if self.in_contact && !retracted && force_n < least_n {
             return Err(Trip::new(SafetyRule::Fallen, force_n, least_n, "N"));

@@ -15,7 +15,7 @@ pub(super) const SEARCH_MM: f64 = 0.20;
 pub(super) const TELL_SIGMAS: f64 = 6.0;
 
 /// Smallest step that is commanded, mm.
-pub(super) const STEP_LEAST_MM: f64 = 0.000_1;
+pub(super) use palpate_core::quantity::FINEST_STEP_MM as STEP_LEAST_MM;
 
 /// Largest number of steps to one level. If the declared stiffness is much too high, each step may go only a few micrometres.
 pub(super) const STEPS_MAX: u32 = 1000;

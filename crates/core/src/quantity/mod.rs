@@ -33,7 +33,7 @@ pub use layout::ArrayLayout;
 pub use limits::{Limits, Range, Travel};
 pub use number::{hexadecimal, percentile, round, seconds};
 pub use reading::{ForceReading, Health};
-pub use steps::Steps;
+pub use steps::{FINEST_STEP_MM, Steps};
 pub use stream::{RandomStream, stream};
 pub use tilt::{TILT_MOST_DEG, Tilt};
 

@@ -6,6 +6,9 @@ use std::f64::consts::SQRT_2;
 /// Largest distance of a read-back from the axis' target, mm, on a stage whose steps are fine.
 const IN_POSITION_MM: f64 = 0.003;
 
+/// Smallest step that is commanded, mm: a stage whose steps are fine goes to within half of it.
+pub const FINEST_STEP_MM: f64 = 0.000_1;
+
 /// Noise of a motion that counts as in position, in sd of a read-back: 5 sd of the read-backs from which it began and after which it ended,
 /// together. Of ten thousand motions none ends elsewhere by it.
 const NOISE_SIGMAS: f64 = 5.0 * SQRT_2;
@@ -37,6 +40,11 @@ impl Steps {
     /// Step of an axis, mm.
     pub fn along(&self, axis: Axis) -> f64 {
         self.mm[axis.index()]
+    }
+
+    /// Least distance by which z is moved, mm: its step, or the smallest one that is commanded.
+    pub fn least_z_mm(&self) -> f64 {
+        self.along(Axis::Z).max(FINEST_STEP_MM)
     }
 
     /// Largest distance of a read-back from the axis' target, mm.
@@ -114,6 +122,7 @@ mod tests {
     fn fine_stage_is_not_rounded_to_steps() {
         assert_eq!(Steps::FINE.in_position_mm(Axis::Z), 0.003);
         assert_eq!((Steps::FINE.reserve_mm(), Steps::FINE.reach_n(2.0)), (0.0, 0.0));
+        assert_eq!((Steps::FINE.least_z_mm(), PRINTER.least_z_mm()), (0.0001, 0.0025));
         assert_eq!((Steps::FINE.no_deeper_mm(0.1, 0.2341), Steps::FINE.nearest_mm(0.0007)), (0.2341, 0.0007));
     }
 

@@ -13,7 +13,9 @@ use super::simulated::TOO_MANY_CHANNELS;
 use super::spec::{Driver, Home, HomeSide, LastResort};
 use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use palpate_control::{DragLimits, SEARCH_ROOM_MM};
-use palpate_core::quantity::{Axis, Frame, Limits, Place, Range, Steps, TILT_MOST_DEG, Tilt, Travel, round};
+use palpate_core::quantity::{
+    Axis, FINEST_STEP_MM, Frame, Limits, Place, Range, Steps, TILT_MOST_DEG, Tilt, Travel, round,
+};
 use palpate_document::layout::{LayoutKeys, read_unit};
 use palpate_document::notify::read_command;
 use palpate_document::{self as document, Key, Problem, Problems, Table};
@@ -344,7 +346,7 @@ const STEP_SHARE: f64 = 0.05;
 /// Checks that the steps of z are fine enough for the limits.
 fn check_steps(spec: &RigSpec, table: &Table) {
     let limits = &spec.limits;
-    let (step_mm, most_n) = (spec.stage.steps.along(Axis::Z), STEP_SHARE * limits.force_n);
+    let (step_mm, most_n) = (spec.stage.steps.least_z_mm(), STEP_SHARE * limits.force_n);
     let step_n = limits.stiffness_n_mm * step_mm;
     if step_n > most_n {
         let text = format!(
@@ -355,7 +357,12 @@ fn check_steps(spec: &RigSpec, table: &Table) {
             round(most_n, 4),
             100.0 * STEP_SHARE,
         );
-        let help = "use finer steps of z (more microsteps, a finer screw), or put a softer layer or a spring under the specimen";
+        let help = format!(
+            "with this step, `stiffness_n_mm` may be {} at most: put a softer layer or a spring under the specimen, or use finer steps of z \
+             (more microsteps, a finer screw), of {} mm at most; none is finer than {FINEST_STEP_MM} mm",
+            round(most_n / step_mm, 1),
+            round(most_n / limits.stiffness_n_mm, 6),
+        );
         table.complain(Problem::new(table.span_of(&root::stage), text).help(help));
     }
 }
@@ -543,6 +550,19 @@ mod tests {
             ),
             [
                 "a step of z of 0.0025 mm changes the force by up to 0.125 N at `stiffness_n_mm` = 50, over 0.1 N, which is 5 % of \
+              `force_n`: it is too coarse to press by force"
+            ]
+        );
+    }
+
+    #[test]
+    fn a_specimen_on_which_the_smallest_step_is_a_twentieth_of_the_limit_is_refused() {
+        let stiff = |n_mm: f64| problems("stiffness_n_mm = 2.0", &format!("stiffness_n_mm = {n_mm:.1}"));
+        assert_eq!(stiff(1000.0), [""; 0], "0.1 N of 2 N");
+        assert_eq!(
+            stiff(1001.0),
+            [
+                "a step of z of 0.0001 mm changes the force by up to 0.1001 N at `stiffness_n_mm` = 1001, over 0.1 N, which is 5 % of \
               `force_n`: it is too coarse to press by force"
             ]
         );

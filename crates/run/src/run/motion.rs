@@ -348,10 +348,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             watched(&mut self.cell, motion, &orders, &due, steered).await?
         };
         let stopped = orders.stopped();
-        // a complete motion ended with its profile, however late the report came; a printer begins later than it accepts
+        // a complete motion ended with its profile, however late the report came; a printer begins later than it accepts, and a motion that
+        // was slowed, which is due at no known time, ends later
         let ended = ends
             .get()
-            .filter(|_| !stopped && !self.usage.abilities.finishes())
+            .filter(|_| !stopped && due.get().is_some() && !self.usage.abilities.finishes())
             .unwrap_or_else(Instant::now)
             .min(Instant::now());
         self.cell.settled = ended + seconds(self.timing.settle_s);
