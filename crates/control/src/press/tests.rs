@@ -1,5 +1,7 @@
 //! The press against a spring.
 
+mod stiff;
+
 use super::*;
 use crate::{ContactMap, LearnedContact, Permit, Timing, Zero};
 use palpate_core::quantity::{Limits, Place, StageBounds};
@@ -26,6 +28,7 @@ struct PressScript {
 
 /// What a press is made with.
 struct PressBench {
+    limits: Limits,
     levels: Arc<[PressLevel]>,
     strategy: Strategy,
     tolerance_n: f64,
@@ -36,6 +39,10 @@ struct PressBench {
     least_n_mm: Option<f64>,
     /// Time constant of the load cell's filter, s.
     lag_s: f64,
+    /// Step to which the stage rounds its targets, mm; 0: none.
+    step_mm: f64,
+    /// Speed at which the stage moves on after it reported the end of a motion in contact, mm/s.
+    creep_mm_s: f64,
 }
 
 fn bench(levels: Arc<[PressLevel]>, surface_mm: f64) -> PressBench {
@@ -44,7 +51,21 @@ fn bench(levels: Arc<[PressLevel]>, surface_mm: f64) -> PressBench {
         NoLoadReadings { mean_n: 0.0, sigma_n: 0.003, readings: 150, age_s: 0.075, ..NoLoadReadings::default() };
     let map = ContactMap::new(0.3);
     let (strategy, place, least_n_mm) = (Strategy::Guarded, Place::default(), None);
-    PressBench { levels, strategy, tolerance_n: 0.05, map, surface_mm, no_load, place, least_n_mm, lag_s: 0.0 }
+    let (lag_s, step_mm, creep_mm_s) = (0.0, 0.0, 0.0);
+    PressBench {
+        limits: LIMITS,
+        levels,
+        strategy,
+        tolerance_n: 0.05,
+        map,
+        surface_mm,
+        no_load,
+        place,
+        least_n_mm,
+        lag_s,
+        step_mm,
+        creep_mm_s,
+    }
 }
 
 impl PressBench {
@@ -61,12 +82,12 @@ impl PressBench {
         let force_set_n = self.levels.iter().filter_map(|level| level.set.force_n()).fold(0.0, f64::max);
         let context = Context {
             place: self.place,
-            limits: LIMITS,
-            permit: Permit::new(LIMITS, StageBounds::fine(100.0), 0.05, &zero),
+            limits: self.limits,
+            permit: Permit::new(self.limits, StageBounds::fine(100.0), 0.05, &zero),
             zero,
             zero_age_s: 0.0,
             expected: self.map.expect(self.place),
-            shot: self.map.shot(self.place, force_set_n, &LIMITS),
+            shot: self.map.shot(self.place, force_set_n, &self.limits),
             softest: Softest { declared_n_mm: self.least_n_mm, learned_curve: self.map.learned_curve(self.place) },
             clear_mm: -0.5,
             approach_mm_s: 2.0,
@@ -101,10 +122,12 @@ impl PressBench {
                 force(z) + if self.lag_s > 0.0 { (shown_n - force(z)) * (-after_s / self.lag_s).exp() } else { 0.0 };
             shown_n
         };
+        let creep = |z: f64, after_s: f64| if force(z) > 0.0 { z + self.creep_mm_s * after_s } else { z };
         for _ in 0..500 {
             event = match press.next(event, Moment { now_s, age_s: 0.0 }) {
                 LoopCommand::Average(readings) => {
                     now_s += f64::from(readings) * 0.001;
+                    z = creep(z, f64::from(readings) * 0.001);
                     LoopEvent::Averaged { force_n: read(z, f64::from(readings) * 0.001) }
                 }
                 LoopCommand::Move(granted) | LoopCommand::LeaveContact(granted) => {
@@ -129,16 +152,23 @@ impl PressBench {
                             }
                         }
                     }
+                    let end_mm = z;
+                    if self.step_mm > 0.0 {
+                        z = (z / self.step_mm).round() * self.step_mm;
+                    }
                     execute.deepest_mm = execute.deepest_mm.max(z);
                     execute.moves.push(z);
-                    LoopEvent::Moved { z_mm: z }
+                    LoopEvent::Moved { z_mm: end_mm }
                 }
                 LoopCommand::Dwell(seconds) => {
                     now_s += seconds;
+                    z = creep(z, seconds);
                     read(z, seconds);
                     LoopEvent::Dwelt
                 }
-                LoopCommand::Sample(_) => {
+                LoopCommand::Sample(seconds) => {
+                    now_s += seconds;
+                    z = creep(z, seconds);
                     execute.forces.push(force(z));
                     LoopEvent::Sampled { force_n: read(z, 0.1) }
                 }

@@ -1,0 +1,78 @@
+//! The press on stiff specimens, where one step of the stage is a force.
+
+use super::*;
+use crate::trip::SafetyRule;
+use palpate_core::quantity::FINEST_STEP_MM;
+
+/// Stiffness of a specimen, N/mm.
+const STIFFNESSES: [f64; 7] = [1.0, 5.0, 20.0, 50.0, 100.0, 200.0, 500.0];
+
+/// Places of the surface between two steps of the stage, mm.
+const SURFACES: usize = 20;
+
+/// Force limit, and forces of the presses, N.
+const LIMIT_N: f64 = 2.0;
+const FORCES_N: [f64; 4] = [0.2, 0.7, 1.3, 1.9];
+
+/// A bench whose stage has the smallest step, over a specimen as stiff as declared.
+fn stiff(stiffness_n_mm: f64, force_n: f64, surface_mm: f64) -> PressBench {
+    PressBench {
+        limits: Limits { force_n: LIMIT_N, depth_mm: 3.0, stiffness_n_mm },
+        map: ContactMap::new(0.02),
+        step_mm: FINEST_STEP_MM,
+        ..bench(PressTask::press(force_n), surface_mm)
+    }
+}
+
+/// Makes presses of each force at each stiffness, on a specimen of this curve: its force by stiffness and depth.
+fn press_each(force_at: impl Fn(f64, f64) -> f64, check: impl Fn(f64, f64, f64, PressScript)) {
+    for stiffness_n_mm in STIFFNESSES {
+        for force_n in FORCES_N {
+            for nth in 0..SURFACES {
+                let surface_mm = FINEST_STEP_MM * nth as f64 / SURFACES as f64;
+                let (_, execute) =
+                    stiff(stiffness_n_mm, force_n, surface_mm).execute(|mm| force_at(stiffness_n_mm, mm));
+                check(stiffness_n_mm, force_n, force_at(stiffness_n_mm, execute.deepest_mm - surface_mm), execute);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_press_is_complete_at_each_stiffness_and_ends_within_a_step() {
+    press_each(
+        |n_mm, depth_mm| n_mm * depth_mm.max(0.0),
+        |n_mm, force_n, most_n, execute| {
+            assert_eq!(execute.end, LoopCommand::Done, "{n_mm} N/mm, {force_n} N");
+            let (step_n, at_n) = (n_mm * FINEST_STEP_MM, execute.forces[0]);
+            assert!(most_n <= force_n + step_n, "{n_mm} N/mm: {most_n} N over {force_n} N");
+            // the tolerance is 50 mN, and a mean has noise
+            assert!(at_n >= force_n - step_n - 0.03, "{n_mm} N/mm: {at_n} N of {force_n} N");
+        },
+    );
+}
+
+/// The tip of a round indenter: the force grows with the square of the depth until the stiffness is the declared one.
+#[test]
+fn a_tip_that_becomes_full_late_exceeds_the_force_by_at_most_a_step() {
+    const TOE_MM: f64 = 0.01;
+    let toe_n = |n_mm: f64, mm: f64| {
+        let mm = mm.max(0.0);
+        n_mm * if mm < TOE_MM { mm * mm / (2.0 * TOE_MM) } else { mm - TOE_MM / 2.0 }
+    };
+    press_each(toe_n, |n_mm, force_n, most_n, execute| {
+        assert_eq!(execute.end, LoopCommand::Done, "{n_mm} N/mm, {force_n} N");
+        assert!(most_n <= force_n + n_mm * FINEST_STEP_MM + 0.012, "{n_mm} N/mm: {most_n} N over {force_n} N");
+    });
+}
+
+#[test]
+fn a_stage_that_creeps_on_after_each_motion_trips_at_each_stiffness() {
+    for stiffness_n_mm in STIFFNESSES {
+        // 0.2 N/s, in a mean of the window ten times what its noise explains
+        let creeping = PressBench { creep_mm_s: 0.2 / stiffness_n_mm, ..stiff(stiffness_n_mm, 1.0, 0.0) };
+        let (_, execute) = creeping.execute(|depth_mm| stiffness_n_mm * depth_mm.max(0.0));
+        let rises = matches!(&execute.end, LoopCommand::Trip(trip) if trip.rule == SafetyRule::RisesAtRest);
+        assert!(rises, "{stiffness_n_mm} N/mm: {:?}", execute.end);
+    }
+}
