@@ -74,7 +74,7 @@ impl ForceLoop {
         let is_shown = self.z_mm - self.shown.0 < STEP_LEAST_MM;
         // the permit keeps the reserve of a stage with steps
         let reachable_mm = self.in_steps_mm(self.most_mm() - self.context.permit.steps().reserve_mm());
-        let needs = self.in_contact && !is_shown && wanted_mm > reachable_mm + STEP_LEAST_MM;
+        let needs = self.in_contact && !is_shown && wanted_mm > reachable_mm;
         if !needs || self.is_bounded_by_neighbours() {
             return Ok(None);
         }

@@ -1,7 +1,7 @@
 //! The guarded press: contact stops a slow approach, then steps from below follow. Each step uses a stiffness that can't be too
 //! small. So the force exceeds the set force only if a single step of the stage causes that.
 
-use super::state::{ForceLoop, MotionInProgress, PressState, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, TELL_SIGMAS};
+use super::state::{ForceLoop, PressState, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, TELL_SIGMAS};
 use super::{Branch, LoopCommand, SafetyRule, SetPoint, Strategy, Trip};
 use crate::surface::Expected;
 use crate::zero::{DETECT_LEAST_N, DETECT_SIGMAS};
@@ -170,8 +170,9 @@ impl ForceLoop {
         self.note_path();
         let (z_mm, force_n) = (self.z_mm - self.anchor.0, self.force_n - self.anchor.1);
         if force_n.abs() >= LEARN_SHARE * self.level_n() && z_mm * force_n > 0.0 {
-            // each end of the way may be half a step nearer than it was read back; in no more than a step nothing is learned
-            let least_mm = z_mm.abs() - self.step_mm();
+            // the rounding of a tip takes up to half of its depth from the way, and the stiffness is that of the rest. Ways of more than
+            // 40 um are long enough for the usual factor to cover it, the few um on steel show nothing
+            let least_mm = z_mm.abs().min(STIFFENING * (z_mm.abs() - self.read_back_mm() / 2.0));
             self.stiffness_n_mm = (least_mm > 0.0).then(|| force_n.abs() / least_mm);
             self.anchor = (self.z_mm, self.force_n);
             // depth counts from the touched surface, once the stiffness is known; before that from the earliest surface
@@ -179,19 +180,6 @@ impl ForceLoop {
                 self.first_mm = self.first_mm.max(earliest_mm.min(touched_mm));
             }
         }
-        if self.stiffens() {
-            self.stiffness_n_mm = None;
-        }
-    }
-
-    /// Whether the last step was stiffer than the learned stiffness allows for, whatever its noise: on steel the rounding of a tip takes
-    /// most of the way, and the stiffness before says little of the one after.
-    fn stiffens(&self) -> bool {
-        let (Some(learned), Some(MotionInProgress { from_mm, from_n, .. })) = (self.stiffness_n_mm, self.motion) else {
-            return false;
-        };
-        let rise_n = self.force_n - from_n - TELL_SIGMAS * std::f64::consts::SQRT_2 * self.sigma_n;
-        rise_n > STIFFENING * learned * (self.z_mm - from_mm + self.step_mm())
     }
 
     /// Moves closer to the level from the level's own side. If the level is reached, continues to the dwell and the window.

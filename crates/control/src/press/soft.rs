@@ -94,8 +94,8 @@ impl ForceLoop {
         Ok(())
     }
 
-    /// Possible error of a distance between two read-backs, mm.
-    fn read_back_mm(&self) -> f64 {
+    /// Possible error of a distance in contact, mm: of two read-backs, and of a contact that isn't flat.
+    pub(super) fn read_back_mm(&self) -> f64 {
         WAY_MM + self.context.permit.steps().reserve_mm()
     }
 }

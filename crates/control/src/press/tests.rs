@@ -123,7 +123,7 @@ impl PressBench {
             shown_n
         };
         let creep = |z: f64, after_s: f64| if force(z) > 0.0 { z + self.creep_mm_s * after_s } else { z };
-        for _ in 0..500 {
+        for _ in 0..1000 {
             event = match press.next(event, Moment { now_s, age_s: 0.0 }) {
                 LoopCommand::Average(readings) => {
                     now_s += f64::from(readings) * 0.001;
@@ -153,7 +153,8 @@ impl PressBench {
                         }
                     }
                     let end_mm = z;
-                    if self.step_mm > 0.0 {
+                    // a stop ends where the stage is
+                    if self.step_mm > 0.0 && end_mm == granted.z_mm() {
                         z = (z / self.step_mm).round() * self.step_mm;
                     }
                     execute.deepest_mm = execute.deepest_mm.max(z);
