@@ -10,7 +10,7 @@ use palpate_control::Strategy;
 use palpate_core::quantity::{Axis, stream};
 use palpate_run::rig::RigSpec;
 use palpate_sim::emulator::EspFaultKind;
-use palpate_sim::scene::{ContactLaw, LoadCellScene, Servo};
+use palpate_sim::scene::{ContactLaw, LoadCellScene};
 use palpate_testing::campaign;
 use palpate_testing::executions::{
     Deaths, ExecutedRun, bench, end_of, executed, executed_with, in_parallel, must_be_none, plan,
@@ -34,14 +34,21 @@ const FORCES_N: Range<f64> = 0.3..1.8;
 /// Quick: one in so many combinations.
 const QUICK_EVERY: usize = 10;
 
-/// Step of the stage, mm, to which its targets are rounded, and noise of the load cell, N.
+/// Smallest step that is commanded, mm. The controller of the bench rounds each displacement to it, and the driver takes its count only where it
+/// is farther than this from the sum of what was sent (`COUNT_MM`). And noise of the load cell, N.
 const STEP_MM: f64 = 0.0001;
+const COUNTED_MM: f64 = 0.0002;
 const NOISE_N: f64 = 0.003;
 /// Force over the set one that the noise explains, in sd of the cell.
 const SIGMAS: f64 = 4.0;
 /// Part of the force by which the last trim of `map` goes beyond it on a specimen that relaxes: what is lost until the middle of the window.
 /// A branch of 5 % with 0.3 s loses a fifth of it in 70 ms.
 const FADES: f64 = 0.01;
+/// Force by which this trim may miss, N: it closes three tolerances of 50 mN at most, with a stiffness that is known to a twentieth.
+const TRIM_N: f64 = 0.0075;
+/// Largest part of the runs that the first touch may end, because it was too light for the cell and not for the array. A look on steel goes
+/// 4 um, and the first 0.3 um of a tip that is round give so little.
+const LIGHT_MOST: f64 = 0.03;
 
 /// Levels up and down after the presses, N: so that unloading is seen too.
 const STAIRS: &str = "[[step]]\nphase = \"characterisation\"\nlist = { places_mm = [[0.5, 0.5]] }\nstaircase = { to_n = 1.6, step_n = 0.4, \
@@ -110,9 +117,6 @@ impl StiffDraw {
         let toe_mm = if seed % 3 == 1 { 0.0 } else { 0.01 };
         scene.contact = ContactLaw { linear_n_mm: stiffness_n_mm / sudden, quadratic_n_mm2: 0.0, toe_mm };
         scene.stiffness = None; // the stiffest place is the declared one
-        if rig == "esp301" {
-            scene.stage = Some(Servo { quantum_mm: STEP_MM, ..scene.stage.unwrap_or_default() });
-        }
         let cell = scene.load_cell.unwrap_or_default();
         scene.load_cell = Some(LoadCellScene { noise_n: NOISE_N, ..cell });
         spec
@@ -136,15 +140,15 @@ impl StiffDraw {
         self.seed.is_multiple_of(2)
     }
 
-    /// Force of one step, N.
-    fn step_n(&self) -> f64 {
-        STEP_MM * self.stiffness_n_mm
-    }
-
     /// Largest force over a set one, N.
     fn over_most_n(&self) -> f64 {
-        let fades_n = if self.strategy == Strategy::Map && self.is_relaxing() { FADES * FORCES_N.end } else { 0.0 };
-        self.step_n() + SIGMAS * NOISE_N + fades_n
+        let step_mm = if self.rig == "bench-fast" { COUNTED_MM } else { STEP_MM };
+        let trim_n = match self.strategy {
+            Strategy::Map if self.is_relaxing() => TRIM_N + FADES * FORCES_N.end,
+            Strategy::Map => TRIM_N,
+            _ => 0.0,
+        };
+        step_mm * self.stiffness_n_mm + SIGMAS * NOISE_N + trim_n
     }
 }
 
@@ -186,10 +190,13 @@ fn sound_runs_on_specimens_from_silicone_to_steel_are_complete() {
             most(|outcome| outcome.virtual_s)
         );
     }
-    let broken = draws
-        .iter()
-        .zip(&outcomes)
-        .filter(|(draw, outcome)| outcome.end != "-" || outcome.over_n > draw.over_most_n() || !outcome.is_within);
+    let is_light = |outcome: &StiffOutcome| outcome.end.starts_with("outputs-moved");
+    let light = outcomes.iter().filter(|outcome| is_light(outcome)).count();
+    assert!(light as f64 <= LIGHT_MOST * outcomes.len() as f64, "{light} light touches");
+    let is_sound = |draw: &StiffDraw, outcome: &StiffOutcome| {
+        (outcome.end == "-" || is_light(outcome)) && outcome.over_n <= draw.over_most_n() && outcome.is_within
+    };
+    let broken = draws.iter().zip(&outcomes).filter(|(draw, outcome)| !is_sound(draw, outcome));
     let text = |(draw, outcome): (&StiffDraw, &StiffOutcome)| {
         format!(
             "{draw:?}: {} ({:.1} mN over, at most {:.1})",

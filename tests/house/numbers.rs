@@ -95,7 +95,14 @@ const STATED: [Stated; 40] = [
     ),
     stated(FORCE_LOOP, "at most {} mN above the set force", &[Value("tests/pages/study.rs", "HARD_OVER_MN", plain)]),
     stated(FORCE_LOOP, "up to {} N/mm", &[Value("crates/study/src/scenes.rs", "HARD_N_MM", plain)]),
-    stated(FORCE_LOOP, "On steel ({} N/mm)", &[Value("crates/study/src/scenes.rs", "STEEL_N_MM", plain)]),
+    stated(
+        FORCE_LOOP,
+        "On steel ({} N/mm) it is at most {} mN",
+        &[
+            Value("crates/study/src/scenes.rs", "STEEL_N_MM", plain),
+            Value("crates/study/src/control.rs", "STEEL_OVER_MN", plain),
+        ],
+    ),
     stated(
         FORCE_LOOP,
         "from {} presses it learns",

@@ -190,16 +190,20 @@ mod tests {
     /// Largest excess of guarded's force over the set force at 20 N/mm, mN. In 1350 presses it was 2.5 mN.
     const HARD_OVER_MN: f64 = 3.0;
 
+    /// The same on steel: a step of 0.1 um is 50 mN, and four sd of the cell are 12 mN.
+    const STEEL_OVER_MN: f64 = 62.0;
+
     /// The page of the force loop states both (`docs/explanation/force-loop.md`).
     #[test]
-    fn guarded_keeps_the_set_force_at_20_n_mm_and_fails_on_steel() {
+    fn guarded_keeps_the_set_force_at_20_n_mm_and_within_a_step_on_steel() {
         let hard = outcome("hard, 20 N/mm", Strategy::Guarded);
         assert_eq!((hard.done, hard.rule.as_deref()), (hard.points, None));
         assert!(hard.peak_over_mn.unwrap() <= HARD_OVER_MN, "{hard:?}");
-        // a fault that is known: change the page when it is mended
         let steel = outcome("steel, 500 N/mm", Strategy::Guarded);
-        assert_eq!((steel.done, steel.rule.as_deref()), (0, Some("rises-at-rest")), "{steel:?}");
-        let findings = LoopFindings { size: LoopSize::QUICK, outcomes: vec![hard, steel.clone()], onsets: Vec::new() };
-        assert_eq!(findings.failed().collect::<Vec<_>>(), [&steel]);
+        assert_eq!((steel.done, steel.rule.as_deref()), (steel.points, None), "{steel:?}");
+        assert!(steel.peak_over_mn.unwrap() <= STEEL_OVER_MN, "{steel:?}");
+        let none = ConditionOutcome { done: 0, ..steel };
+        let findings = LoopFindings { size: LoopSize::QUICK, outcomes: vec![hard, none.clone()], onsets: Vec::new() };
+        assert_eq!(findings.failed().collect::<Vec<_>>(), [&none]);
     }
 }
