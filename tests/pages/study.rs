@@ -89,15 +89,13 @@ fn one_scene_leaves_rows_and_figures_and_is_the_same_twice() {
 
 /// Conditions of the quick study without a press: bench or stage, scene, declared N/mm and rule. On a specimen stiffer than declared the
 /// rule is right. The others are faults that are known. A condition that is missing here fails the test, and so does one that presses again.
-const KNOWN_FAILURES: [&str; 12] = [
-    "ESP301, steel, 500 N/mm, 550.0: rises-at-rest",
+const KNOWN_FAILURES: [&str; 10] = [
     "ESP301, stiffness 1.5x as said, 2.0: hard-contact",
     "ESP301, stiffness 2x as said, 2.0: hard-contact",
     "ESP301, stiffness 3x as said, 2.0: hard-contact",
     "ESP301, stiffness 5x as said, 2.0: hard-contact",
     "XPS-like, nominal, 100.0: no-response",
     "XPS-like, nominal, 500.0: outputs-moved",
-    "XPS-like, steel, 500 N/mm, 550.0: rises-at-rest",
     "XPS-like, stiffness 1.5x as said, 2.0: hard-contact",
     "XPS-like, stiffness 2x as said, 2.0: hard-contact",
     "XPS-like, stiffness 3x as said, 2.0: hard-contact",
@@ -123,8 +121,8 @@ fn check_row(row: &Value) {
 }
 
 /// Largest excess of guarded's peak over the set force on a specimen no stiffer than declared, mN: on steel, 500 N/mm declared as 550, the
-/// stage's step of 0.1 um is 50 mN, and the excess is 35 to 39 mN with this seed; on steel behind a spring, 0.2 mN.
-const STEEL_OVER_MN: std::ops::RangeInclusive<f64> = 20.0..=45.0;
+/// stage's step of 0.1 um is 50 mN, and the excess is 15 to 20 mN with this seed; on steel behind a spring, none.
+const STEEL_OVER_MN: f64 = 30.0;
 const SPRING_OVER_MN: f64 = 0.5;
 /// The same at 20 N/mm: 2.5 mN in 1350 presses.
 const HARD_OVER_MN: f64 = 3.0;
@@ -141,7 +139,7 @@ fn check_condition(row: &Value) {
     if row["strategy"] == "guarded" && row["part"] == "scenes" {
         let scene = row["scene"].as_str().expect("a scene");
         let keeps = match scene {
-            _ if scene.starts_with("steel, 500") => STEEL_OVER_MN.contains(&over_mn),
+            _ if scene.starts_with("steel, 500") => over_mn <= STEEL_OVER_MN,
             _ if scene.starts_with("steel behind") => over_mn <= SPRING_OVER_MN,
             _ if scene.starts_with("hard") => over_mn <= HARD_OVER_MN,
             _ => over_mn < 0.0,
