@@ -5,7 +5,7 @@ use super::drift::Drift;
 use super::speed::safe_speed_mm_s;
 use super::trip::{SafetyRule, Trip};
 use super::zero::Zero;
-use palpate_core::quantity::{Axis, Limits, StageBounds, Steps};
+use palpate_core::quantity::{Axis, FINEST_STEP_MM, Limits, StageBounds, Steps};
 
 /// Part of the depth limit that is reserved for the error of the touched surface, mm.
 pub const DEPTH_MARGIN_MM: f64 = 0.03;
@@ -145,7 +145,12 @@ impl Permit {
         let room_n = self.limits.force_n - force_n - 3.0 * sigma_n;
         let by_force = z_mm.max(first_mm) + room_n.max(0.0) / self.limits.stiffness_n_mm;
         let by_depth = first_mm + self.limits.depth_mm - DEPTH_MARGIN_MM;
-        by_force.min(by_depth).min(most_mm) - self.stage.steps.reserve_mm()
+        by_force.min(by_depth).min(most_mm) - self.reserve_mm()
+    }
+
+    /// Distance by which a motion may end deeper than its target, mm: on a fine stage half of the smallest step, which is a force on steel.
+    pub(crate) fn reserve_mm(&self) -> f64 {
+        self.stage.steps.reserve_mm().max(FINEST_STEP_MM / 2.0)
     }
 
     /// Returns the longest way of one approach, mm, if nothing can stop it: a contact of the declared stiffness adds at most `force_n`.
@@ -169,7 +174,7 @@ impl Permit {
     /// Returns the largest force at `z_mm`, N, of a contact no stiffer than declared (E+). The motion began at a position
     /// `from_mm` with a force `from_n`. If the contact pushes harder, it isn't the specimen that the limits were declared for.
     pub fn most_n(&self, (from_mm, from_n): (f64, f64), first_mm: f64, z_mm: f64) -> f64 {
-        let way_mm = (z_mm - from_mm.max(first_mm)).max(0.0) + self.stage.steps.reserve_mm();
+        let way_mm = (z_mm - from_mm.max(first_mm)).max(0.0) + self.reserve_mm();
         from_n.max(0.0) + self.limits.stiffness_n_mm * way_mm + HARD_N.max(HARD_SIGMAS * self.sigma_n)
     }
 
@@ -327,14 +332,16 @@ mod tests {
             first_mm: -0.3,
             most_mm: f64::INFINITY,
         };
-        assert!((permit().deepest_mm(&context) - 0.7).abs() < 1e-12);
-        assert!(permit().advance(&context, 0.7, 1.0).is_ok());
+        assert!((permit().deepest_mm(&context) - (0.7 - ROUNDED_MM)).abs() < 1e-12);
+        assert!(permit().advance(&context, 0.7 - ROUNDED_MM, 1.0).is_ok());
         assert_eq!(permit().advance(&context, 0.71, 1.0).unwrap_err().rule, SafetyRule::NotPermitted);
     }
 
     const STEPS: Steps = Steps { mm: [0.0, 0.0, 0.02], ..Steps::FINE };
     /// In position 0.003 mm and half a step beyond a target, and read back half a step too high.
     const RESERVE_MM: f64 = 0.003 + 0.01 + 0.01;
+    /// A fine stage rounds its targets too.
+    const ROUNDED_MM: f64 = FINEST_STEP_MM / 2.0;
 
     #[test]
     fn end_points_leave_room_for_noise_an_old_force_and_steps() {
@@ -348,9 +355,9 @@ mod tests {
             most_mm,
         };
         for (permit, context, deepest_mm) in [
-            (permit(), context(0.0, f64::INFINITY), 0.5),
-            (permit(), context(0.1, f64::INFINITY), 0.35),
-            (permit(), context(0.1, 0.2), 0.2),
+            (permit(), context(0.0, f64::INFINITY), 0.5 - ROUNDED_MM),
+            (permit(), context(0.1, f64::INFINITY), 0.35 - ROUNDED_MM),
+            (permit(), context(0.1, 0.2), 0.2 - ROUNDED_MM),
             (stepped, context(0.1, f64::INFINITY), 0.35 - RESERVE_MM),
         ] {
             assert!((permit.deepest_mm(&context) - deepest_mm).abs() < 1e-12, "{context:?}");

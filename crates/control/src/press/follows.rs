@@ -72,8 +72,8 @@ impl ForceLoop {
     /// A trip if the force didn't rise on the way to here, although the stage rested long enough.
     pub(super) fn must_show_answer_s(&self, wanted_mm: f64) -> Result<Option<f64>, Trip> {
         let is_shown = self.z_mm - self.shown.0 < STEP_LEAST_MM;
-        // the permit keeps the reserve of a stage with steps
-        let reachable_mm = self.in_steps_mm(self.most_mm() - self.context.permit.steps().reserve_mm());
+        // the permit keeps this reserve
+        let reachable_mm = self.in_steps_mm(self.most_mm() - self.context.permit.reserve_mm());
         let needs = self.in_contact && !is_shown && wanted_mm > reachable_mm;
         if !needs || self.is_bounded_by_neighbours() {
             return Ok(None);

@@ -115,3 +115,18 @@ fn a_gap_of_half_a_step_is_closed_by_a_step_and_a_smaller_one_is_left() {
     assert_eq!(press.way_mm(0.51 * FINEST_STEP_MM), Some(FINEST_STEP_MM));
     assert_eq!(press.way_mm(2.3 * FINEST_STEP_MM), Some(2.3 * FINEST_STEP_MM));
 }
+
+/// A stage rounds its targets: the end of a motion is within the limit wherever the nearest step is.
+#[test]
+fn a_force_equal_to_the_limit_is_not_exceeded_by_the_rounding_of_a_target() {
+    for stiffness_n_mm in STIFFNESSES {
+        for nth in 0..SURFACES {
+            let surface_mm = FINEST_STEP_MM * nth as f64 / SURFACES as f64;
+            let (_, execute) =
+                stiff(stiffness_n_mm, LIMIT_N, surface_mm).execute(|depth_mm| stiffness_n_mm * depth_mm.max(0.0));
+            let most_n = stiffness_n_mm * (execute.deepest_mm - surface_mm);
+            assert!(most_n <= LIMIT_N, "{stiffness_n_mm} N/mm: {most_n} N, {:?}", execute.end);
+            assert_eq!(execute.end, LoopCommand::Done, "{stiffness_n_mm} N/mm");
+        }
+    }
+}
