@@ -3,7 +3,7 @@
 use super::rig_control::{RigControl, WatchedLoadCell};
 use super::{Cancel, Halt, LargestForce};
 use crate::rig::GroundTruth;
-use palpate_control::{Permit, SafetyRule, Timing, Trip, Watch, Zero};
+use palpate_control::{Believed, Permit, SafetyRule, Timing, Trip, Watch, Zero};
 use palpate_core::quantity::{
     Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, StageAbilities, StageBounds, Steps, Travel,
 };
@@ -319,6 +319,19 @@ async fn the_largest_force_is_what_two_successive_readings_reached() {
         cell.read().await.unwrap();
     }
     assert_eq!(rig_control.largest(), Some(LargestForce { force_n: 1.5, is_least: false, by_depth_n: None }));
+}
+
+#[tokio::test(start_paused = true)]
+async fn readings_that_are_left_out_are_no_largest_force() {
+    let (text, cancel) = (RefCell::default(), Cancel::default());
+    let mut rig_control = rig_control(&text, &cancel, (1.5, 0.2));
+    let mut believed = Believed::new(2.0, 0.001, 0.0);
+    believed.rests_at(0.2, 0.0);
+    rig_control.cell.believed = Some(believed);
+    rig_control.cell.cell.device.until_s = 0.0085; // two readings
+    assert_eq!(rig_control.cell.force_n().await.unwrap(), 0.2);
+    assert_eq!(rig_control.cell.glitches().left_out, 2);
+    assert_eq!(rig_control.largest().map(|largest| largest.force_n), Some(0.2));
 }
 
 #[tokio::test(start_paused = true)]
