@@ -329,7 +329,9 @@ async fn readings_that_are_left_out_are_no_largest_force() {
     believed.rests_at(0.2, 0.0);
     rig_control.cell.believed = Some(believed);
     rig_control.cell.cell.device.until_s = 0.0085; // two readings
-    assert_eq!(rig_control.cell.force_n().await.unwrap(), 0.2);
+    for _ in 0..2 {
+        assert_eq!(rig_control.cell.force_n().await.unwrap(), 0.2);
+    }
     assert_eq!(rig_control.cell.glitches().left_out, 2);
     assert_eq!(rig_control.largest().map(|largest| largest.force_n), Some(0.2));
 }
