@@ -40,8 +40,14 @@ const STALE_GAPS: Source = Value("crates/control/src/zero.rs", "STALE_GAPS", wor
 const STALE_MOST: Source = Value("crates/control/src/zero.rs", "STALE_MOST_S", plain);
 
 /// Every number of the page of the force loop, and every time of the pages of the drivers.
-const STATED: [Stated; 40] = [
+const STATED: [Stated; 42] = [
     stated(FORCE_LOOP, "F + 3 sigma + k (z - max(z_now, z_first)) <= force limit", &[PERMITTED]),
+    stated(
+        FORCE_LOOP,
+        "from {} mN/s on, it corrects",
+        &[Value("crates/control/src/drift.rs", "USED_N_S", thousandths)],
+    ),
+    stated(FORCE_LOOP, "force limit in {} s ends the run", &[Value("crates/control/src/drift.rs", "PRESS_S", plain)]),
     stated(
         FORCE_LOOP,
         "with {} times the limit, from the last point",
