@@ -52,7 +52,7 @@ const ILL: [IllCell; 7] = [
         name: "its count rolls over under load",
         ails: healthy,
         fault: Some(SceneFault { kind: FaultKind::RollsOver, from_s: 0.0, value: Some(0.5) }),
-        says: Some(["jumped: -0.99", "check the load cell's range, because its count turns around at its end"]),
+        says: Some(["jumped: -0.9", "check the load cell's range, because its count turns around at its end"]),
     },
     IllCell {
         name: "its zero falls in the air, with its gain",

@@ -13,7 +13,7 @@ const KILLS: (usize, usize) = (1, 10);
 
 /// Silences of the array since the start of each program: the first one when it presses, how far they are apart, how many, and how long, s.
 const FIRST_S: usize = 55;
-const APART_S: usize = 25;
+const APART_S: usize = 13;
 const SILENCES: usize = 100;
 const SILENT_S: f64 = 2.5;
 

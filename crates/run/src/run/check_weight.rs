@@ -2,7 +2,7 @@
 //! and the stage doesn't move.
 
 use super::Halt;
-use super::rig_control::WatchedLoadCell;
+use super::watched_cell::WatchedLoadCell;
 use crate::rig::GroundTruth;
 use palpate_control::{Mean, SafetyRule, Trip, Zero, mean_of};
 use palpate_core::quantity::{AxesCheck, Axis, COVERAGE, ForceReading, GRAVITY_M_S2, LoadCellCertificate, WeightCheck};

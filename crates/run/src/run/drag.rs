@@ -1,8 +1,10 @@
 //! Drags: x and y move in contact along a permitted way, while the forces are watched on all axes.
 
 use super::Halt;
+use super::air::side_mean;
 use super::motion::{watched, way_mm};
-use super::rig_control::{OnDoubt, RigControl, WatchedLoadCell, side_mean};
+use super::rig_control::RigControl;
+use super::watched_cell::{OnDoubt, WatchedLoadCell};
 use palpate_control::{Drag, DragWatch, MotionProfile, PermittedDrag, Steer, mean_of};
 use palpate_core::quantity::{Axis, Place, seconds};
 use palpate_link::device::{LoadCell, MotionOrders, SensorArray, Stage};

@@ -4,7 +4,8 @@
 use super::motion::watched;
 use super::no_load_outputs::NoLoadOutputs;
 use super::retraction::unless_it_rises;
-use super::rig_control::{AnyRigControl, OnDoubt, RigControl, WatchedLoadCell};
+use super::rig_control::{AnyRigControl, RigControl};
+use super::watched_cell::{OnDoubt, WatchedLoadCell};
 use super::{Cancel, Halt};
 use crate::rig::{Home, HomeSide, OpenRig, RigSpec};
 use palpate_control::{MotionContext, Permit, Reaction, SafetyRule, Steer, Trip, Watch, Zero, safe_speed_mm_s};

@@ -1,7 +1,7 @@
 //! The last resort: what a stopped stage does is given up if the force continues to rise beyond the limit.
 
 use super::retraction::{LAST_READING_DEADLINE, then_notify};
-use super::rig_control::WatchedLoadCell;
+use super::watched_cell::WatchedLoadCell;
 use palpate_control::check_sound;
 use palpate_core::quantity::ForceReading;
 use palpate_link::device::{DeviceError, LoadCell};

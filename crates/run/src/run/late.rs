@@ -3,7 +3,7 @@
 use super::Halt;
 use super::last_resort::unless_given_up;
 use super::retraction::LAST_READING_DEADLINE;
-use super::rig_control::{OLD_SHARE, WatchedLoadCell};
+use super::watched_cell::{OLD_SHARE, WatchedLoadCell};
 use palpate_core::quantity::seconds;
 use palpate_link::device::LoadCell;
 use palpate_link::time::timeout;

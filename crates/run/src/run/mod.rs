@@ -4,9 +4,11 @@
 //! events.
 
 mod again;
+mod air;
 mod align;
 mod at_rest;
 mod cancel;
+mod causes;
 mod check_weight;
 mod checks;
 mod clock;
@@ -33,6 +35,7 @@ mod series;
 mod shift;
 mod shown;
 mod unforced_motion;
+mod watched_cell;
 mod window;
 mod without_cell;
 

@@ -3,7 +3,8 @@
 use super::Halt;
 use super::last_resort::unless_given_up;
 use super::retraction::then_notify;
-use super::rig_control::{OUTPUTS_ON_THE_WAY, OnDoubt, RigControl, WatchedLoadCell};
+use super::rig_control::{OUTPUTS_ON_THE_WAY, RigControl};
+use super::watched_cell::{OnDoubt, WatchedLoadCell};
 use super::window::OutputMeans;
 use palpate_control::{ForceLoop, MotionProfile, Permit, Permitted, SafetyRule, Sideways, Steer, Trip};
 use palpate_core::quantity::{Axis, Place, Range, seconds};

@@ -372,9 +372,8 @@ impl Runner<'_> {
     /// Reading at which the controller's own guard ends a motion, N: slightly above the force at which the watch trips.
     fn guard_n(&self) -> f64 {
         let zero = self.rig_control.cell.watch.zero();
-        let reading_n = zero.at_n(self.rig_control.cell.read_s())
-            + self.conditions.spec.limits.force_n
-            + GUARD_SIGMAS * zero.sigma_n;
+        let reading_n =
+            zero.at_n(self.rig_control.cell.read_s) + self.conditions.spec.limits.force_n + GUARD_SIGMAS * zero.sigma_n;
         reading_n * self.conditions.spec.load_cell.divisor() // the controller knows the cell's own readings
     }
 

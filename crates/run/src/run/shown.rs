@@ -1,7 +1,7 @@
 //! Proof that the load cell measures force: a known weight, a finger on the tip, or a press of a simulated rig.
 
 use super::execute::{Listener, RunJob, execute};
-use super::rig_control::WatchedLoadCell;
+use super::watched_cell::WatchedLoadCell;
 use super::{Cancel, Halt, align_plan};
 use crate::rig::RigSpec;
 use palpate_control::{SafetyRule, Trip, Zero};

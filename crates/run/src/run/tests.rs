@@ -1,6 +1,7 @@
 //! The hand with instruments of straw: what is commanded, and what isn't.
 
-use super::rig_control::{RigControl, WatchedLoadCell};
+use super::rig_control::RigControl;
+use super::watched_cell::WatchedLoadCell;
 use super::{Cancel, Halt, LargestForce};
 use crate::rig::GroundTruth;
 use palpate_control::{Believed, Permit, SafetyRule, Timing, Trip, Watch, Zero};

@@ -1,9 +1,10 @@
 //! Readings averaged over a window.
 
 use super::Halt;
+use super::air::side_mean;
 use super::late::Late;
 use super::retraction::then_notify;
-use super::rig_control::{RigControl, side_mean};
+use super::rig_control::RigControl;
 use palpate_control::{Mean, STALE_S, mean_of};
 use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep_until};
