@@ -1,6 +1,6 @@
 //! A load cell whose zero drifts, as one that gets warm: each run is complete, and the stated uncertainty covers the force.
 
-use super::families::{ESP301, rig_of};
+use super::families::{ESP301, KLIPPER, rig_of, shipped_rig};
 use super::glitches::{most_of_set, recipe};
 use palpate_control::{SafetyRule, Strategy};
 use palpate_core::quantity::{COVERAGE, LoadCellCertificate, Range, StatedError};
@@ -145,6 +145,26 @@ fn a_drifting_cell_presses_as_a_steady_one() {
         }
     }
     must_be_none(&broken);
+}
+
+/// Drifts between what a press bears and what noise hides in half a second, N/s, on a slow link and on a printer.
+#[test]
+fn a_slow_drift_is_seen_before_the_first_press() {
+    let rigs = ["rigs/sim.toml", KLIPPER.rig];
+    let all: Vec<(&str, f64)> = rigs
+        .into_iter()
+        .flat_map(|rig| [0.0033, -0.0067, 0.0025, 0.0067, -0.0033, -0.0025].map(move |drift_n_s| (rig, drift_n_s)))
+        .collect();
+    let tried: Vec<(&str, f64)> = all.iter().step_by(campaign::every(6, 1)).copied().collect();
+    let ends = in_parallel(&tried, |&(rig, drift_n_s)| {
+        let mut spec = shipped_rig(rig);
+        let cell = spec.scene.load_cell.get_or_insert_default();
+        (cell.noise_n, cell.drift_n_s) = (0.003, drift_n_s);
+        let recipe = recipe(Strategy::Guarded, campaign::size(3, 25), "[1.0, 1.0]");
+        executed(&spec, &plan(&spec, &recipe, 1)).ending.text()
+    });
+    let halted = tried.iter().zip(&ends).filter(|(_, text)| text.is_some());
+    must_be_none(&halted.map(|(rig, text)| format!("{rig:?}: {text:?}")).collect::<Vec<_>>());
 }
 
 /// A fifth of the limit in 15 s, 27 mN/s with 2 N.

@@ -4,17 +4,19 @@ use super::zero::DETECT_LEAST_N;
 use palpate_core::quantity::ForceReading;
 use serde::{Deserialize, Serialize};
 
-/// Least rate by which forces are corrected, N/s, and in its own sd. A cell that warms up has 1 mN/s at most, and a wave of 10 mN in 25 s
-/// reaches 2.5 mN/s and turns around. A descent of 10 s bears this rate: it moves by a touch.
-const USED_N_S: f64 = 0.003;
-const USED_SIGMAS: f64 = 6.0;
+/// Least rate by which forces are corrected, N/s, and in its own sd. A cell that warms up has 1 mN/s at most, and a wave of 5 mN in 25 s
+/// reaches 1.3 mN/s and turns around. A press of 15 s bears this rate: it moves by less than a touch.
+const USED_N_S: f64 = 0.0015;
+const USED_SIGMAS: f64 = 4.0;
+
+/// Shortest time over which a rate is shown by which forces are corrected, s: the wave of a cell of 5 s looks like a drift for two. And the
+/// rate in sd from which it is read for so long.
+const LASTS_S: f64 = 8.0;
+const SEEN_SIGMAS: f64 = 3.0;
 
 /// Growth of the rate's variance, (N/s)^2 each second: a cell that cools down after 20 mN/s with a time constant of five minutes changes its
 /// rate by 1 mN/s from press to press.
 const RATE_WALK: f64 = 1e-8;
-
-/// Wanted sd of a rate by which forces are corrected, as a fraction of it. A press of 15 s at 20 mN/s then has an error of 15 mN.
-const RATE_SHARE: f64 = 0.05;
 
 /// Largest rate that isn't shown and still is no touch, N/s. On a descent the air is read each second, so a light touch would have to grow as
 /// slowly.
@@ -47,6 +49,9 @@ pub struct Drift {
 /// offset and its rate).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ZeroLine {
+    /// Begin and end of what it was read from, s.
+    began_s: f64,
+    until_s: f64,
     at_s: f64,
     offset_n: f64,
     rate_n_s: f64,
@@ -62,7 +67,14 @@ impl ZeroLine {
         let (at_s, offset_n) = (mean(&|reading| reading.at_s), mean(&|reading| reading.force_n));
         let spread = mean(&|reading| (reading.at_s - at_s).powi(2));
         if readings.len() <= LINE || spread <= 0.0 {
-            return ZeroLine { at_s, offset_n, rate_n_s: 0.0, variances: [0.0, 0.0, UNKNOWN_N_S.powi(2)] };
+            return ZeroLine {
+                began_s: at_s,
+                until_s: at_s,
+                at_s,
+                offset_n,
+                rate_n_s: 0.0,
+                variances: [0.0, 0.0, UNKNOWN_N_S.powi(2)],
+            };
         }
         let rate_n_s = mean(&|reading| (reading.at_s - at_s) * (reading.force_n - offset_n)) / spread;
         let left: Vec<f64> =
@@ -73,13 +85,17 @@ impl ZeroLine {
         let alike = if squares > 0.0 { (following / squares).clamp(0.0, ALIKE_MOST) } else { 0.0 };
         let variance = squares / (n - LINE as f64) * (1.0 + alike) / (1.0 - alike);
         let of_rate = (variance / (n * spread)).min(UNKNOWN_N_S.powi(2));
-        ZeroLine { at_s, offset_n, rate_n_s, variances: [variance / n, 0.0, of_rate] }
+        let (began_s, until_s) = (readings[0].at_s, readings[readings.len() - 1].at_s);
+        ZeroLine { began_s, until_s, at_s, offset_n, rate_n_s, variances: [variance / n, 0.0, of_rate] }
     }
 
-    /// Returns the line with newer air: its middle, s, its mean and the standard deviation of this mean, N.
+    /// Returns the line with newer air: its middle, s, its mean and the standard deviation of this mean, N. Older air adds nothing.
     #[must_use]
     pub fn read(&self, at_s: f64, mean_n: f64, sigma_n: f64) -> ZeroLine {
-        let dt_s = (at_s - self.at_s).max(0.0);
+        let dt_s = at_s - self.at_s;
+        if dt_s <= 0.0 {
+            return *self;
+        }
         let [of_offset, between, of_rate] = self.variances;
         let rate = of_rate + RATE_WALK * dt_s;
         let both = between + dt_s * of_rate + RATE_WALK * dt_s.powi(2) / 2.0;
@@ -88,6 +104,8 @@ impl ZeroLine {
         let predicted_n = self.offset_n + self.rate_n_s * dt_s;
         let off_n = mean_n - predicted_n;
         ZeroLine {
+            began_s: self.began_s,
+            until_s: self.until_s.max(at_s),
             at_s,
             offset_n: predicted_n + offset / all * off_n,
             rate_n_s: self.rate_n_s + both / all * off_n,
@@ -101,26 +119,33 @@ impl ZeroLine {
         self.read(newer.at_s, newer.offset_n, newer.variances[0].sqrt())
     }
 
-    /// Returns the rate by which forces are corrected.
+    /// Returns the rate that is shown.
     pub fn drift(&self) -> Drift {
         let sigma_n_s = self.variances[2].max(0.0).sqrt();
         let is_shown = self.rate_n_s.abs() >= USED_N_S.max(USED_SIGMAS * sigma_n_s);
         let (rate_n_s, hidden_n_s) = if is_shown { (self.rate_n_s, 0.0) } else { (0.0, self.rate_n_s) };
         Drift { rate_n_s, sigma_n_s, hidden_n_s }
     }
+
+    /// Returns the rate by which forces are corrected.
+    pub fn lasting(&self) -> Drift {
+        let drift = self.drift();
+        if self.lasts() { drift } else { Drift { rate_n_s: 0.0, hidden_n_s: self.rate_n_s, ..drift } }
+    }
+
+    /// Whether more readings are needed: the rate may move the zero by a touch in a press, or a drift is seen and wasn't read for long enough.
+    pub fn is_vague(&self) -> bool {
+        let sigma_n_s = self.drift().sigma_n_s;
+        let is_seen = self.rate_n_s.abs() >= USED_N_S.max(SEEN_SIGMAS * sigma_n_s);
+        SEEN_SIGMAS * sigma_n_s > DETECT_LEAST_N / PRESS_S || (is_seen && !self.lasts())
+    }
+
+    fn lasts(&self) -> bool {
+        self.until_s - self.began_s >= LASTS_S
+    }
 }
 
 impl Drift {
-    /// Whether more readings are needed: the rate may move the zero by a touch in a press, or forces are corrected by a rate that isn't known well.
-    pub fn is_vague(&self) -> bool {
-        let known_n_s = (DETECT_LEAST_N / PRESS_S).min(if self.rate_n_s == 0.0 {
-            f64::INFINITY
-        } else {
-            RATE_SHARE * self.rate_n_s.abs()
-        });
-        self.sigma_n_s > known_n_s
-    }
-
     /// Largest rate with which a specimen with this force limit is pressed, N/s.
     pub fn most_n_s(limit_n: f64) -> f64 {
         DRIFTED_SHARE * limit_n / PRESS_S
@@ -164,12 +189,14 @@ mod tests {
         let drift = ZeroLine::of(&readings(200, 0.002, 0.013)).drift();
         assert!((drift.rate_n_s - 0.013).abs() < 3.0 * drift.sigma_n_s, "{drift:?}");
         assert!((drift.sigma_n_s - 0.0005).abs() < 0.0001, "{drift:?}");
-        assert_eq!(ZeroLine::of(&readings(200, 0.002, 0.002)).drift().rate_n_s, 0.0, "both airs correct it");
+        assert_eq!(ZeroLine::of(&readings(200, 0.002, 0.001)).drift().rate_n_s, 0.0, "both airs correct it");
         assert_eq!(ZeroLine::of(&readings(200, 0.05, 0.013)).drift().rate_n_s, 0.0, "noise hides it");
-        assert!(ZeroLine::of(&readings(100, 0.002, 0.013)).drift().is_vague());
-        assert!(!ZeroLine::of(&readings(2000, 0.002, 0.013)).drift().is_vague());
-        assert!(ZeroLine::of(&readings(200, 0.05, 0.0)).drift().is_vague(), "it may drift by a touch in a press");
-        assert!(!ZeroLine::of(&readings(200, 0.002, 0.0)).drift().is_vague());
+        let is_vague = |count: usize, sigma_n, rate_n_s| ZeroLine::of(&readings(count, sigma_n, rate_n_s)).is_vague();
+        assert!(is_vague(100, 0.002, 0.013) && !is_vague(2000, 0.002, 0.013), "it lasts");
+        assert!(is_vague(200, 0.05, 0.0), "it may drift by a touch in a press");
+        assert!(!is_vague(200, 0.002, 0.0));
+        let short = ZeroLine::of(&readings(200, 0.002, 0.013)).lasting();
+        assert_eq!((short.rate_n_s, short.hidden_n_s > 0.01), (0.0, true), "{short:?}");
     }
 
     #[test]
@@ -179,6 +206,7 @@ mod tests {
             let at_s = 12.0 * f64::from(nth);
             line = line.read(at_s, 0.25 + 0.013 * at_s + if nth % 2 == 0 { 0.008 } else { -0.008 }, 0.01);
         }
+        assert_eq!(line.read(20.0, 0.25, 0.01), line, "older air");
         let drift = line.drift();
         assert!((drift.rate_n_s - 0.013).abs() < 0.002 && drift.sigma_n_s < 0.002, "{drift:?}");
     }

@@ -34,7 +34,11 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
     /// Makes forces relative to a new zero that was taken from these readings.
     pub(super) fn zero(&mut self, limits: &Limits, zero: Zero, readings: &[ForceReading]) {
         let line = self.line(readings);
-        self.watch = Watch::new(limits, Zero { drift: line.drift(), ..zero });
+        let (before, zero) = (*self.watch.zero(), Zero { drift: line.lasting(), ..zero });
+        if self.line.is_some() {
+            self.cell.largest.count_from(&before, &zero);
+        }
+        self.watch = Watch::new(limits, zero);
         self.line = Some(line);
     }
 
@@ -43,11 +47,13 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         let sigma_n = self.watch.zero().sigma_own_n(no_load.readings);
         let drift = self.line.as_mut().map(|line| {
             *line = line.read(no_load.at_s, no_load.mean_n, sigma_n);
-            line.drift()
+            line.lasting()
         });
         let drift = drift.unwrap_or_default();
         no_load.drift = (drift.rate_n_s != 0.0).then_some(drift);
+        let before = *self.watch.zero();
         self.watch.count_from(no_load, drift);
+        self.cell.largest.count_from(&before, self.watch.zero());
     }
 
     /// Whether readings count as air.

@@ -67,7 +67,8 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
             return trip;
         }
         let rate_n_s = now.drift.rate_n_s;
-        let most_n_s = (limit_n / off_n * rate_n_s).abs().min(Drift::most_n_s(self.watch.limit_n()));
+        // the reading has moved on since
+        let most_n_s = (limit_n / off_n.abs().max(limit_n) * rate_n_s).abs().min(Drift::most_n_s(self.watch.limit_n()));
         Trip::new(SafetyRule::Drifts, rate_n_s, most_n_s, "N/s")
     }
 

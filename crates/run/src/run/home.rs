@@ -80,6 +80,9 @@ pub(super) async fn at_home<'a>(
         (Ok(identity), Some(reaction)) => match rig_control.come_home(spec, &identity, reaction).await {
             Ok(()) => Ok(identity),
             Err(Unmoved::Stage(error)) => Err(error),
+            Err(Unmoved::Halted(Halt::Tripped(trip))) => {
+                return Err(rig_control.cell.unless_it_drifts(trip).await.into());
+            }
             Err(Unmoved::Halted(halt)) => return Err(halt),
         },
         (stage, _) => stage,
@@ -416,10 +419,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
                     self.must_rest().await?;
                 }
                 cancel.check()?;
-                match moved {
-                    Err(Halt::Tripped(trip)) => Err(Halt::from(self.cell.unless_it_drifts(trip).await).into()),
-                    moved => moved?.map_err(Unmoved::Stage),
-                }
+                moved?.map_err(Unmoved::Stage)
             }
             None => {
                 // it may not follow its orders yet, so its result can't be known

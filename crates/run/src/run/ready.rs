@@ -65,6 +65,13 @@ pub(super) async fn make_ready<'a>(rig: OpenRig, conditions: &Conditions<'a>) ->
         return Err(finding.error().into());
     }
     let zero = zero_of(&readings, &mut rig_control, conditions).await?;
+    if let Some(first_n) = conditions.first_zero_n {
+        let offset_n = rig_control.cell.watch.zero().offset_n;
+        let (drift_n, most_n) = (offset_n - first_n, DRIFT_SHARE * conditions.spec.limits.force_n);
+        if drift_n.abs() > most_n {
+            return Err(Trip::new(SafetyRule::ZeroDrifted, drift_n, most_n, "N").into());
+        }
+    }
     conditions.cancel.prepared();
     Ok(Ready { rig_control, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
 }
@@ -95,7 +102,7 @@ pub(super) async fn take_zero(
 async fn without_drift(rig_control: &mut AnyRigControl<'_>) -> Result<Vec<ForceReading>, Halt> {
     let began = Instant::now();
     let mut readings = rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
-    while rig_control.cell.line(&readings).drift().is_vague() && began.elapsed() < DRIFT_READ_MOST {
+    while rig_control.cell.line(&readings).is_vague() && began.elapsed() < DRIFT_READ_MOST {
         readings.extend(rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await?);
     }
     Ok(readings)
@@ -114,12 +121,6 @@ async fn zero_of(
     let (rate_n_s, most_n_s) = (zero.drift.rate_n_s, Drift::most_n_s(conditions.spec.limits.force_n));
     if rate_n_s.abs() > most_n_s {
         return Err(Trip::new(SafetyRule::Drifts, rate_n_s, most_n_s, "N/s").into());
-    }
-    if let Some(first_n) = conditions.first_zero_n {
-        let (drift_n, most_n) = (zero.offset_n - first_n, DRIFT_SHARE * conditions.spec.limits.force_n);
-        if drift_n.abs() > most_n {
-            return Err(Trip::new(SafetyRule::ZeroDrifted, drift_n, most_n, "N").into());
-        }
     }
     check_no_load(&zero, conditions.spec)?;
     rig_control.cell.zero(&conditions.spec.limits, zero, readings);

@@ -206,7 +206,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Returns the largest force that was read; `None` if nothing was pressed.
     pub(super) fn largest(&self) -> Option<LargestForce> {
         let (reading_n, is_least) = self.cell.cell.largest.reading?;
-        let force_n = reading_n - self.cell.watch.zero().at_n(self.cell.read_s);
+        let force_n = reading_n - self.cell.watch.zero().at_n(self.cell.cell.largest.at_s);
         let by_depth_n = self.by_depth_n.filter(|by_depth_n| *by_depth_n > force_n);
         (force_n >= LEFT_LEAST_N).then_some(LargestForce { force_n, is_least, by_depth_n })
     }

@@ -139,6 +139,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
         let (force, read) = tokio::join!(force, outputs);
         let force = force?;
         read?;
+        self.cell.watch.pause(); // the array may have taken longer
         self.no_load_sigmas = means.sigmas();
         Ok(NoLoad { force, outputs: std::mem::take(means).means })
     }

@@ -4,6 +4,7 @@
 
 use super::Halt;
 use super::clock::RunClock;
+use palpate_control::Zero;
 use palpate_core::quantity::{ForceReading, Identity};
 use palpate_data::dataset::{
     DatasetError, MonitorValue, NoLoad, ReadValue, SeriesMark, SeriesQueue, SeriesReading, SeriesReadings,
@@ -165,6 +166,8 @@ pub(super) struct LargestReading {
     last: Option<(f64, bool)>,
     /// The cell's reading, N, and whether it is the end of the cell's range; `None` before two readings.
     pub reading: Option<(f64, bool)>,
+    /// When the cell read it, by its own clock, s.
+    pub at_s: f64,
 }
 
 impl LargestReading {
@@ -174,9 +177,15 @@ impl LargestReading {
             let both = if before.0 < now.0 { before } else { now };
             let is_larger = self.reading.is_none_or(|largest| both.0 > largest.0);
             if is_larger && both.0.is_finite() {
-                self.reading = Some(both);
+                (self.reading, self.at_s) = (Some(both), reading.at_s);
             }
         }
+    }
+
+    /// Keeps the forces when they count from another zero.
+    pub(super) fn count_from(&mut self, before: &Zero, now: &Zero) {
+        let by_n = now.at_n(self.at_s) - before.at_n(self.at_s);
+        self.last.iter_mut().chain(&mut self.reading).for_each(|(reading_n, _)| *reading_n += by_n);
     }
 }
 

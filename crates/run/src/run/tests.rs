@@ -4,7 +4,7 @@ use super::rig_control::RigControl;
 use super::watched_cell::WatchedLoadCell;
 use super::{Cancel, Halt, LargestForce};
 use crate::rig::GroundTruth;
-use palpate_control::{Believed, Permit, SafetyRule, Timing, Trip, Watch, Zero};
+use palpate_control::{Believed, NoLoadReadings, Permit, SafetyRule, Timing, Trip, Watch, Zero};
 use palpate_core::quantity::{
     Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, StageAbilities, StageBounds, Steps, Travel,
 };
@@ -320,6 +320,19 @@ async fn the_largest_force_is_what_two_successive_readings_reached() {
         cell.read().await.unwrap();
     }
     assert_eq!(rig_control.largest(), Some(LargestForce { force_n: 1.5, is_least: false, by_depth_n: None }));
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_largest_force_stays_when_forces_count_from_newer_air() {
+    let (text, cancel) = (RefCell::default(), Cancel::default());
+    let mut rig_control = rig_control(&text, &cancel, (1.5, 1.5));
+    for _ in 0..2 {
+        rig_control.cell.cell.read().await.unwrap();
+    }
+    let mut air =
+        NoLoadReadings { mean_n: -0.8, sigma_n: 0.003, readings: 100, at_s: 20.0, ..NoLoadReadings::default() };
+    rig_control.cell.count_from(&mut air);
+    assert_eq!(rig_control.largest().map(|largest| largest.force_n), Some(1.5));
 }
 
 #[tokio::test(start_paused = true)]
