@@ -158,7 +158,8 @@ impl LoadCell for ModbusLoadCell {
     }
 
     async fn read(&mut self) -> Result<ForceReading, DeviceError> {
-        if self.until_status == 0 {
+        // a status of one bad sample is no status of the next ones
+        if self.until_status == 0 || self.health != Health::default() {
             self.read_status().await?;
             self.until_status = STATUS_EVERY;
         }
@@ -200,5 +201,28 @@ mod tests {
         assert!(cell.read().await.unwrap_err().to_string().contains("a force within"));
         assert!(cell.read().await.unwrap_err().to_string().contains("a force within"));
         assert_eq!(cell.read().await.unwrap().force_n, -0.5);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_status_that_reports_a_fault_is_read_again_with_the_next_reading() {
+        let (near, mut far) = duplex(256);
+        let near = std::sync::Mutex::new(Some(near));
+        let dial = move || near.lock().unwrap().take().expect("the link is opened once");
+        let profile = Profile::shipped("generic-rs485").unwrap();
+        let link = Connector::in_memory(dial);
+        let mut cell = ModbusLoadCell::new(link, Transport::Tcp, profile, "script", 100.0, Instant::now()).unwrap();
+        tokio::spawn(async move {
+            // an overload of one sample, and its weight; then a sound status, and two weights
+            for answer in [&[0x02, 0x43][..], &[0; 4], &[0, 3], &[0; 4], &[0; 4]] {
+                let mut request = [0; 12];
+                far.read_exact(&mut request).await.unwrap();
+                let count = answer.len() as u8;
+                let header = [request[0], request[1], 0, 0, 0, 3 + count, request[6], request[7], count];
+                far.write_all(&[&header[..], answer].concat()).await.unwrap();
+            }
+        });
+        for is_saturated in [true, false, false] {
+            assert_eq!(cell.read().await.unwrap().health.saturated, is_saturated);
+        }
     }
 }
