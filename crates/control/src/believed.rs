@@ -24,12 +24,14 @@ const DECIDING: usize = 7;
 /// row are as many as a converter gives.
 const CHANGED: usize = 4;
 
-/// Least ratio of a rise to the one before it in a force that rises steadily, as another host causes it that moves the stage. It is seen at the
+/// Least ratio of the speed of a rise to the one before it in a force that rises steadily, as another host causes it that moves the stage. It is seen at the
 /// second reading, because what moves by itself has to be given up soon. Two glitches are equal.
 const STEADY_SHARE: f64 = 0.5;
 
-/// Largest spread of the readings after a step, as a fraction of it. Noise that has grown spreads more.
+/// Largest spread of the readings after a step, as a fraction of it: noise that has grown spreads more. And the step, in changes that are never
+/// doubted, that is one with any spread: a count near its end turns around and back.
 const STEP_SHARE: f64 = 0.125;
+const STEP_FLOORS: f64 = 10.0;
 
 /// Readings of the seven that are where the force was, from which it is still there: a force that has changed doesn't come back, and two glitches
 /// are followed by two more in one of a hundred cases.
@@ -217,8 +219,9 @@ impl Believed {
     fn rises_steadily(&self, zero: &Zero) -> bool {
         let (Some(last), [first, second]) = (&self.last, &self.doubted[..]) else { return false };
         let (before_n, after_n) = (first.force_n - last.force_n, second.force_n - first.force_n);
+        let (before_s, after_s) = (first.at_s - last.at_s, second.at_s - first.at_s);
         let is_sound = check_sound(first).is_ok() && check_sound(second).is_ok();
-        is_sound && before_n > floor_n(zero) && after_n >= STEADY_SHARE * before_n
+        is_sound && before_n > floor_n(zero) && after_n * before_s >= STEADY_SHARE * before_n * after_s
     }
 
     fn believe(&mut self, reading: ForceReading) -> Belief {
@@ -266,7 +269,8 @@ impl Believed {
         let by_n = self.last.map_or(0.0, |last| changed.force_n - last.force_n);
         let spread_n = sound[sound.len() - 1].force_n - sound[0].force_n;
         let believed = self.believe(changed);
-        Ok(if spread_n < STEP_SHARE * by_n.abs() { Belief::Changed(changed, by_n) } else { believed })
+        let is_step = spread_n < STEP_SHARE * by_n.abs() || by_n.abs() > STEP_FLOORS * floor_n(zero);
+        Ok(if is_step { Belief::Changed(changed, by_n) } else { believed })
     }
 }
 
@@ -372,6 +376,10 @@ mod tests {
     fn a_steady_rise_counts_from_its_second_reading() {
         let texts = taken(0.0, &[1.0, 1.13, 1.26, 1.39, 1.52]).0;
         assert_eq!(texts, ["1.00", "-", "?1.26", "-", "?1.52"]);
+        // the first one came after twice the time
+        let mut believed = Believed::new(2.0, 0.005, 0.0);
+        let beliefs = [(0, 1.0), (2, 1.36), (3, 1.53)].map(|(nth, n)| believed.take(&reading(nth, n), &ZERO).unwrap());
+        assert!(matches!(beliefs, [Belief::Believed(_), Belief::LeftOut, Belief::Rises(_)]), "{beliefs:?}");
         assert_eq!(taken(0.0, &[1.0, 8.0, 8.0, 1.0]).0[..3], ["1.00", "-", "?"], "equal ones");
         assert_eq!(taken(0.0, &[1.0, 8.0, 99.0, 1.0]).0[..3], ["1.00", "-", "?"], "one of them saturated");
         assert_eq!(taken(0.0, &[1.0, 0.8, 0.6, 0.4]).0[..3], ["1.00", "-", "?"], "a fall endangers nothing");
