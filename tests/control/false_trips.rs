@@ -187,7 +187,12 @@ fn map_makes_no_false_trips_and_keeps_its_bounds() {
             points: noise_n == NOISE_N && seed <= 5,
             raster: false,
         };
-        let alone = seeds(5).map(|seed| FalseTripCalibration { grid: false, points: true, ..whole(NOISE_N, seed) });
+        // 95 % of a hundred presses is a number of five: a seed alone says little
+        let alone = (1..=if campaign::is_quick() { 1 } else { 5 }).map(|seed| FalseTripCalibration {
+            grid: false,
+            points: true,
+            ..whole(NOISE_N, seed)
+        });
         let mut jobs: Vec<FalseTripCalibration> = seeds(10).map(|seed| whole(NOISE_N, seed)).collect();
         jobs.extend(seeds(10).map(|seed| whole(NOISIER_N, seed)).chain(alone));
         let raster: Vec<FalseTripCalibration> =

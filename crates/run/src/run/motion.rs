@@ -350,12 +350,16 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         };
         let stopped = orders.stopped();
         // a complete motion ended with its profile, however late the report came; a printer begins later than it accepts, and a motion that
-        // was slowed, which is due at no known time, ends later
-        let ended = ends
-            .get()
-            .filter(|_| !stopped && due.get().is_some() && !self.usage.abilities.finishes())
-            .unwrap_or_else(Instant::now)
-            .min(Instant::now());
+        // was slowed, which is due at no known time, ended within the exchange that reported it
+        let now = Instant::now();
+        let ended = match ends.get().filter(|_| !stopped && !self.usage.abilities.finishes()) {
+            Some(profile) if due.get().is_some() => profile.min(now),
+            Some(profile) => {
+                let late = now.duration_since(profile);
+                (profile + late.saturating_sub(seconds(self.timing.exchange_s))).min(now)
+            }
+            None => now,
+        };
         self.cell.settled = ended + seconds(self.timing.settle_s);
         Ok(Driven { places_mm, stopped })
     }
