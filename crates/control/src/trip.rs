@@ -157,7 +157,7 @@ rules! {
         "check whether something pulls at the indenter, or the load cell's wires are swapped";
     /// The cell's reading without load is outside `load_cell.air_n`.
     ZeroOutside, "zero-outside", doubts_load_cell: true,
-        "check whether something touches the indenter; if not, correct `load_cell.air_n`, the allowed range without load";
+        "check whether something touches the indenter; if not, the cell has drifted, or `load_cell.air_n`, the allowed range without load, is too narrow";
     /// The zero changes when z moves a little, so it was taken in contact.
     ZeroInContact, "zero-in-contact", doubts_load_cell: true,
         "something touches the indenter after homing: remove it";
