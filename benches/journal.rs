@@ -83,7 +83,7 @@ fn contact(press: u64) -> RecordedContact {
             sigma_n: 0.002_917_3,
             readings: 83,
             age_s: 0.0415,
-            side_mean_n: None,
+            ..NoLoadReadings::default()
         };
         NoLoad { force, outputs: (0..9).map(|unit| wave(n + unit) / 50.0).collect() }
     };
