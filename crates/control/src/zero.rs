@@ -245,6 +245,15 @@ mod tests {
     }
 
     #[test]
+    fn a_zero_that_drifts_is_followed() {
+        let drift = Drift { rate_n_s: 0.01, ..Drift::default() };
+        let zero = Zero { offset_n: 0.5, at_s: 10.0, drift, ..Zero::with_noise(0.003) };
+        assert!((zero.at_n(12.0) - 0.52).abs() < 1e-12);
+        let reading = ForceReading { at_s: 12.0, force_n: 1.52, side_n: None, health: Health::default() };
+        assert!((zero.from_zero_n(&reading) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
     fn codes_that_are_held_are_no_frozen_cell() {
         let each = readings(0.003);
         let held: Vec<ForceReading> = each.iter().flat_map(|reading| [*reading; 6]).collect();
