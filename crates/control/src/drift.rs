@@ -1,6 +1,6 @@
 //! Drift of a load cell's zero: a straight line through the air that was read, with its error.
 
-use super::zero::DETECT_LEAST_N;
+use super::zero::{DETECT_LEAST_N, SHARED_MOST, correlation, counts_for};
 use palpate_core::quantity::ForceReading;
 use serde::{Deserialize, Serialize};
 
@@ -14,8 +14,8 @@ const USED_SIGMAS: f64 = 4.0;
 const LASTS_S: f64 = 8.0;
 const SEEN_SIGMAS: f64 = 3.0;
 
-/// Growth of the rate's variance, (N/s)^2 each second: a cell that cools down after 20 mN/s with a time constant of five minutes changes its
-/// rate by 1 mN/s from press to press.
+/// Growth of the rate's variance, (N/s)^2 each second: 0.4 mN/s from press to press. A cell that cools down after 20 mN/s with a time constant
+/// of five minutes changes its rate by 1 mN/s.
 const RATE_WALK: f64 = 1e-8;
 
 /// Largest rate that isn't shown and still is no touch, N/s. On a descent the air is read each second, so a light touch would have to grow as
@@ -25,9 +25,6 @@ const HIDDEN_MOST_N_S: f64 = 0.005;
 /// Rate of a cell of which nothing is known, N/s, and the number of quantities that a line has.
 const UNKNOWN_N_S: f64 = 1.0;
 const LINE: usize = 2;
-
-/// Largest correlation of neighbouring readings that counts.
-const ALIKE_MOST: f64 = 0.95;
 
 /// Time that a rate must hold for: a press takes that long, s. And the part of the force limit by which a zero may drift in it.
 const PRESS_S: f64 = 15.0;
@@ -80,10 +77,8 @@ impl ZeroLine {
         let left: Vec<f64> =
             readings.iter().map(|reading| reading.force_n - offset_n - rate_n_s * (reading.at_s - at_s)).collect();
         let squares: f64 = left.iter().map(|left| left * left).sum();
-        let following: f64 = left.windows(2).map(|pair| pair[0] * pair[1]).sum();
-        // neighbours that are alike count as fewer
-        let alike = if squares > 0.0 { (following / squares).clamp(0.0, ALIKE_MOST) } else { 0.0 };
-        let variance = squares / (n - LINE as f64) * (1.0 + alike) / (1.0 - alike);
+        // neighbours that are alike count as fewer, also by chance: those of a bent line are
+        let variance = squares / (n - LINE as f64) * counts_for(correlation(&left).clamp(0.0, SHARED_MOST));
         let of_rate = (variance / (n * spread)).min(UNKNOWN_N_S.powi(2));
         let (began_s, until_s) = (readings[0].at_s, readings[readings.len() - 1].at_s);
         ZeroLine { began_s, until_s, at_s, offset_n, rate_n_s, variances: [variance / n, 0.0, of_rate] }
@@ -157,7 +152,7 @@ impl Drift {
     }
 
     /// The same during a descent, where a larger one may be a touch.
-    pub(crate) fn hidden_n_s(&self) -> f64 {
+    pub(crate) fn unknown_on_descent_n_s(&self) -> f64 {
         self.unknown_n_s().min(HIDDEN_MOST_N_S)
     }
 

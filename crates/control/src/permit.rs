@@ -230,7 +230,7 @@ impl Permit {
     /// Whether the reading without load moved no further than a zero drifts in the time between, besides the drift that it showed. A larger
     /// change may be a touch that is too light to count as contact. `sigma_n` is the standard deviation of the newer mean, N.
     pub fn is_drift(moved_n: f64, sigma_n: f64, between_s: f64, drift: Drift) -> bool {
-        moved_n.abs() <= DRIFT_N_S.max(drift.hidden_n_s()) * between_s + DRIFT_SIGMAS * sigma_n
+        moved_n.abs() <= DRIFT_N_S.max(drift.unknown_on_descent_n_s()) * between_s + DRIFT_SIGMAS * sigma_n
     }
 
     /// Checks that the load cell's reading without load stays the same when z moves a little away or nearer, so no contact contributes

@@ -18,7 +18,7 @@ const REPEATS_LEAST: f64 = 2.0;
 /// Least correlation of neighbouring readings that counts, in sd of a chance correlation. The second constant is the largest
 /// correlation.
 const SHARED_SIGMAS: f64 = 3.0;
-const SHARED_MOST: f64 = 0.95;
+pub(crate) const SHARED_MOST: f64 = 0.95;
 
 /// Largest ratio of the noise without load before a press to the noise at zeroing. The second constant is an additional allowance, N.
 const NOISE_FACTOR: f64 = 3.0;
@@ -110,7 +110,7 @@ impl Zero {
             sigma_n: variance.sqrt(),
             noise_n,
             // mains interference is shared too, but averaged differently
-            shared: if mains.is_some() { 0.0 } else { shared(readings, off) },
+            shared: if mains.is_some() { 0.0 } else { shared(&readings.iter().map(off).collect::<Vec<_>>()) },
             gap_s: readings.windows(2).map(|pair| pair[1].at_s - pair[0].at_s).fold(0.0, f64::max),
             step_n: step_n(&codes),
             offset_sigma_n: noise_n / n.sqrt(),
@@ -156,8 +156,7 @@ impl Zero {
     /// Standard deviation of the mean of some readings by their own noise, N. Neighbouring readings with common noise count as
     /// fewer readings.
     pub(crate) fn noise_of_mean_n(&self, readings: u32) -> f64 {
-        let fewer = (1.0 + self.shared) / (1.0 - self.shared);
-        self.noise_n * (fewer / f64::from(readings.max(1))).min(1.0).sqrt()
+        self.noise_n * (counts_for(self.shared) / f64::from(readings.max(1))).min(1.0).sqrt()
     }
 
     /// Duration of a mean that must take at least `least_s`, s: complete periods of the mains interference, if there is any.
@@ -176,13 +175,22 @@ impl Zero {
     }
 }
 
-/// Correlation of readings with the next readings, 0 to [`SHARED_MOST`]. It is 0 unless it exceeds chance.
-fn shared(readings: &[ForceReading], off: impl Fn(&ForceReading) -> f64) -> f64 {
-    let following: f64 = readings.windows(2).map(|pair| off(&pair[0]) * off(&pair[1])).sum();
-    let squares: f64 = readings.iter().map(|reading| off(reading).powi(2)).sum();
-    let by_chance = SHARED_SIGMAS / (readings.len().max(1) as f64).sqrt();
-    let correlation = if squares > 0.0 { following / squares } else { 0.0 };
+/// Correlation of deviations with the next ones, 0 to [`SHARED_MOST`]. It is 0 unless it exceeds chance.
+fn shared(off: &[f64]) -> f64 {
+    let (correlation, by_chance) = (correlation(off), SHARED_SIGMAS / (off.len().max(1) as f64).sqrt());
     if correlation > by_chance { correlation.min(SHARED_MOST) } else { 0.0 }
+}
+
+/// Correlation of deviations from their mean, or from a line, with the next ones; 0 if there are none.
+pub(crate) fn correlation(off: &[f64]) -> f64 {
+    let following: f64 = off.windows(2).map(|pair| pair[0] * pair[1]).sum();
+    let squares: f64 = off.iter().map(|off| off.powi(2)).sum();
+    if squares > 0.0 { following / squares } else { 0.0 }
+}
+
+/// Number of readings with this correlation that count as one.
+pub(crate) fn counts_for(correlation: f64) -> f64 {
+    (1.0 + correlation) / (1.0 - correlation)
 }
 
 /// Smallest step between two readings, if some readings are equal, N. `codes` are sorted.

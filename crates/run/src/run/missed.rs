@@ -11,7 +11,6 @@ use palpate_data::dataset::{self, Flag, MissedReading, NoLoad, Record, RecordedC
 use palpate_data::recipe::{Entry, OnMiss};
 use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, SensorArray, Stage};
 use palpate_link::time::{sleep, timeout};
-use std::cell::Cell;
 use std::time::Duration;
 
 /// Number of times that a press is made again. A link that fails three times in a row at one press has a cause that doesn't pass.
@@ -174,26 +173,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Waits in the clear until the array and the monitors that were silent answer. The load cell is read meanwhile. Returns whether they
     /// are back.
     async fn are_back(&mut self, monitors: &mut Monitors) -> Result<bool, Halt> {
-        let (cell, array, ended) = (&mut self.cell, &mut self.array, Cell::new(false));
+        let (cell, array) = (&mut self.cell, &mut self.array);
         let asks = async {
             while !answers(array).await || !monitors.answer().await {
                 sleep(ASK_EVERY).await;
             }
         };
-        let back = async {
-            let back = timeout(BACK_WITHIN, asks).await.is_ok();
-            ended.set(true);
-            back
-        };
         cell.watch.pause();
-        let watch = async {
-            while !ended.get() {
-                cell.force_n().await?;
-            }
-            Ok::<(), Halt>(())
-        };
-        let (is_back, watched) = tokio::join!(back, watch);
-        watched?;
+        let is_back = cell.watched_while(timeout(BACK_WITHIN, asks)).await?.is_ok();
         self.array_answers = is_back;
         Ok(is_back)
     }

@@ -54,7 +54,7 @@ pub(super) async fn make_ready<'a>(rig: OpenRig, conditions: &Conditions<'a>) ->
     let array_identity = array?;
     let reaction = time(&mut rig_control, conditions.spec.load_cell.lag_s).await?;
     rig_control.timing = Timing { exchange_s: reaction.stage_s, reaction_s: reaction.worst_s(), ..rig_control.timing };
-    let mut readings = without_drift(&mut rig_control).await?;
+    let mut readings = without_load(&mut rig_control).await?;
     let conversion_s = rig_control.cell.cell.conversion().as_secs_f64();
     // coarse steps may hide that the cell is slower than declared
     while ShownRate::of(&readings, conversion_s) == ShownRate::Unclear {
@@ -94,12 +94,12 @@ pub(super) async fn take_zero(
     rig_control: &mut AnyRigControl<'_>,
     conditions: &Conditions<'_>,
 ) -> Result<Record, Halt> {
-    let readings = without_drift(rig_control).await?;
+    let readings = without_load(rig_control).await?;
     zero_of(&readings, rig_control, conditions).await
 }
 
 /// Reads without load: as long as the zero needs, and longer if it drifts at a rate that isn't known well yet.
-async fn without_drift(rig_control: &mut AnyRigControl<'_>) -> Result<Vec<ForceReading>, Halt> {
+async fn without_load(rig_control: &mut AnyRigControl<'_>) -> Result<Vec<ForceReading>, Halt> {
     let began = Instant::now();
     let mut readings = rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
     while rig_control.cell.line(&readings).is_vague() && began.elapsed() < DRIFT_READ_MOST {

@@ -126,13 +126,10 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             believed.moves(0.0);
         }
         let belief = believed.take(&reading, self.watch.zero())?;
-        let known = match belief {
-            Belief::LeftOut | Belief::Doubted => Some(self.known_largest.unwrap_or(largest)),
-            _ => None,
-        };
+        let known = self.known_largest.take();
         let (is_doubted, counts) = match belief {
             Belief::Believed(reading) => {
-                if let Some(known) = self.known_largest {
+                if let Some(known) = known {
                     // what was doubted was no force
                     self.cell.largest = known;
                     self.cell.largest.take(&reading);
@@ -143,11 +140,12 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
                 self.changed_n = Some(by_n);
                 (false, Some((None, reading)))
             }
-            Belief::LeftOut => (false, None),
-            Belief::Doubted => (true, None),
             Belief::Rises([earlier, reading]) => (true, Some((Some(earlier), reading))),
+            Belief::LeftOut | Belief::Doubted => {
+                self.known_largest = Some(known.unwrap_or(largest));
+                (belief == Belief::Doubted, None)
+            }
         };
-        self.known_largest = known;
         self.stopped_by_doubt |= is_doubted && self.motion == Some(OnDoubt::Stop);
         if counts.is_none() {
             self.watch.heard(reading.at_s);
