@@ -34,6 +34,10 @@ type HeldAnswers = Result<Vec<Option<HeldAnswer>>, FitError>;
 /// Above it the way isn't used.
 const BY_CHANCE: f64 = 0.1;
 
+/// Smallest share of the first way's error that another way must save. A smaller lead can be sure and yet useless: it changes the
+/// way and the message, and no answer.
+const WORTHWHILE: f64 = 0.02;
+
 /// Largest number of parts into which the new presses are divided.
 const MOST_PARTS: usize = 10;
 
@@ -128,10 +132,13 @@ impl UpdateTrials {
         self.answers.iter().zip(&self.from_mean_mm).map(error)
     }
 
-    /// Whether the location errors are smaller than another way's on the same presses, by more than chance.
+    /// Whether the location errors are smaller than another way's on the same presses, by a worthwhile share and more than chance.
     fn leads(&self, other: &UpdateTrials) -> bool {
         let leads: Vec<f64> = other.location_mm().zip(self.location_mm()).map(|(other, own)| other - own).collect();
         let (mean, sd) = mean_and_sd(leads.iter().copied());
+        if mean < WORTHWHILE * other.tried().held_out.location_mm {
+            return false;
+        }
         let free = leads.len() as f64 - 1.0;
         let sigmas = StudentsT::new(0.0, 1.0, free).map_or(f64::INFINITY, |t| t.inverse_cdf(1.0 - BY_CHANCE));
         mean > sigmas * sd / free.sqrt()
@@ -153,4 +160,32 @@ pub(super) fn best(trials: &[UpdateTrials]) -> &UpdateTrials {
         |tried: &&UpdateTrials| tried.update != Update::NewAlone || tried.answers.len() >= FEWEST_TRIALS || is_useless;
     let leading = others.iter().filter(may_lead).filter(leads);
     leading.min_by(|a, b| location_mm(a).total_cmp(&location_mm(b))).unwrap_or(first)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{ContactVerdict, Solution};
+
+    /// Returns trials with those errors in mm, far from the mean place.
+    fn trials(update: Update, location_mm: impl Iterator<Item = f64>) -> UpdateTrials {
+        let solution = Solution::plain(Place::default(), 1.0, ContactVerdict::Ok);
+        let answer =
+            |location_mm| HeldAnswer { solution, errors: MeanErrors { location_mm, force_n: 0.0 }, of_map: 0.0 };
+        let answers: Vec<_> = location_mm.map(|error| Some(answer(error))).collect();
+        UpdateTrials { update, from_mean_mm: vec![5.0; answers.len()], answers }
+    }
+
+    #[test]
+    fn another_way_needs_a_lead_that_is_sure_and_worthwhile() {
+        let first_mm = || (0..20).map(|press| 0.08 + 0.001 * f64::from(press));
+        let with = |saved: f64, stray_mm: f64| {
+            let strays = (0..20).map(|press| if press % 2 == 0 { stray_mm } else { -stray_mm });
+            let other = trials(Update::Corrected, first_mm().zip(strays).map(|(mm, stray)| (1.0 - saved) * mm + stray));
+            best(&[trials(Update::GainsAndPlaces, first_mm()), other]).update
+        };
+        assert_eq!(with(0.01, 0.0), Update::GainsAndPlaces, "sure, but the answers stay the same");
+        assert_eq!(with(0.04, 0.0), Update::Corrected);
+        assert_eq!(with(0.04, 0.04), Update::GainsAndPlaces, "chance alone gives such a lead");
+    }
 }
