@@ -49,7 +49,7 @@ pub(crate) fn recorded(run: &Path, presses: u64) {
                 sigma_n: 0.002_917_3,
                 readings: 83,
                 age_s: 0.0415,
-                side_mean_n: None,
+                ..NoLoadReadings::default()
             };
             NoLoad { force, outputs: (0..OUTPUTS as u64).map(|output| wave(n + output)).collect() }
         };
