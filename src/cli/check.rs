@@ -11,7 +11,7 @@ use palpate_control::{LEARNED, PressTask, depth_without_force_mm, safe_speed_mm_
 use palpate_core::quantity::{Axis, COVERAGE, Limits, Tilt, round};
 use palpate_data::acceptance::{Decision, LimitCheck, SensorVerdict};
 use palpate_data::dataset::{Truths, foreseen};
-use palpate_data::recipe::{Entry, Phase, Plan, PlannedDrag, Recipe};
+use palpate_data::recipe::{Checks, Entry, Phase, Plan, PlannedDrag, Recipe};
 use palpate_run::rig::{LastResort, RigSpec, TEMPERATURE};
 use palpate_run::run::LAST_RESORT_SHARE;
 use palpate_solver::SEVERAL_DEPTHS;
@@ -333,6 +333,13 @@ fn guarded(plan: &Plan, rig: &RigSpec) -> String {
         return without_load_cell(rig);
     }
     let (near, all) = (compared(plan), plan.entries.len());
+    let nothing = match plan.checks {
+        Checks::None if near == 0 => {
+            "\n  so nothing notices a gain that changes during the run (`checks` in the recipe)"
+        }
+        _ if near == 0 => "\n  so a gain that changes during the run is noticed by its checks alone",
+        _ => "",
+    };
     let least = match rig.stiffness_least_n_mm {
         Some(least_n_mm) => format!("at the first press, below {least_n_mm} N/mm"),
         None => "by nothing (`limits.stiffness_least_n_mm`)".to_owned(),
@@ -343,7 +350,7 @@ fn guarded(plan: &Plan, rig: &RigSpec) -> String {
     };
     format!(
         "what notices a load cell that reads wrong\n  gain before the run: {weight}\n  too little force for the depth: \
-         {least}\n  depth and outputs by the presses around: {near} of {all} presses\n"
+         {least}\n  depth and outputs, by earlier presses there or around: {near} of {all} presses{nothing}\n"
     )
 }
 
@@ -366,18 +373,19 @@ fn without_load_cell(rig: &RigSpec) -> String {
     format!("no load cell: no force is measured, and no force stops a motion\n{lines}")
 }
 
-/// Number of presses that are compared with earlier presses around them.
+/// Number of presses that are compared with earlier presses: with one at the same place, or with those of enough places around.
 fn compared(plan: &Plan) -> usize {
     let cell = |mm: f64| (mm / COMPARED_MM).floor() as i64;
-    let mut known = HashSet::new();
-    let is_near = |known: &HashSet<(i64, i64)>, (x, y): (i64, i64)| {
-        (-1..=1).any(|i| (-1..=1).any(|j| known.contains(&(x + i, y + j))))
+    let (mut places, mut cells) = (HashSet::new(), HashSet::new());
+    let is_near = |cells: &HashSet<(i64, i64)>, (x, y): (i64, i64)| {
+        (-1..=1).any(|i| (-1..=1).any(|j| cells.contains(&(x + i, y + j))))
     };
     let mut count = 0;
-    for (nth, entry) in plan.entries.iter().enumerate() {
-        let at = (cell(entry.place.x_mm), cell(entry.place.y_mm));
-        count += usize::from(nth >= LEARNED && is_near(&known, at));
-        known.insert(at);
+    for Entry { place, .. } in &plan.entries {
+        let (known, at) = (places.len(), (cell(place.x_mm), cell(place.y_mm)));
+        let is_new = places.insert((place.x_mm.to_bits(), place.y_mm.to_bits()));
+        count += usize::from(!is_new || (known >= LEARNED && is_near(&cells, at)));
+        cells.insert(at);
     }
     count
 }

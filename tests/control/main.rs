@@ -25,6 +25,7 @@ mod rehearsals;
 mod safety;
 mod slow_lines;
 mod sound_runs;
+mod sparse_plans;
 mod spring_world;
 mod stiff;
 mod tilt;

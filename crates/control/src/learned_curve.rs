@@ -1,13 +1,15 @@
 //! Depth that the presses so far needed for their force. The next press near them is compared with it.
 
 use super::curve::CurveShape;
-use super::neighbours::{FieldSmoothness, LEARNED, Misses, most_changed, most_off, nearest, remember, weights};
+use super::neighbours::{
+    FieldSmoothness, LEARNED, Misses, OWN, SAME_MM, SIGMAS, most_changed, most_off_by, nearest, remember, weights,
+};
 use palpate_core::quantity::Place;
 
-/// Least number of presses for a comparison.
-const PRESSES_LEAST: usize = 4;
-/// Number of presses that are remembered.
-const PRESSES_MAX: usize = 2048;
+/// Least number of places for a comparison with presses at other places.
+const PLACES_LEAST: usize = 4;
+/// Number of places that are remembered.
+const PLACES_MAX: usize = 2048;
 /// Least rise of the force for a press to be remembered, as a fraction of its final force.
 const ROSE_SHARE: f64 = 0.5;
 /// Change of the logarithm of the stiffness over a specimen. Elastomers of a few mm have free edges about as wide as they are thick.
@@ -42,8 +44,18 @@ pub(super) struct Rise {
 /// Rises that the presses have shown.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rises {
+    /// The first rise at each place. Later ones don't change it: a failing load cell would.
     all: Vec<(Place, Rise)>,
     misses: Misses,
+}
+
+/// Ratio of the distance to that on the curve that is predicted for a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct PredictedSoftness {
+    softness: f64,
+    /// Standard deviation of its logarithm, and the largest difference of a sound press in standard deviations.
+    sigma: f64,
+    sigmas: f64,
 }
 
 /// Change of the depth that a force needs at one place.
@@ -79,8 +91,8 @@ pub struct LearnedCurve {
     most_n: f64,
     /// Largest ratio of the distance to that on the curve among the presses around.
     softest: f64,
-    /// Ratio that is predicted for the place, and the standard deviation of its logarithm. `None` before enough presses.
-    predicted: Option<(f64, f64)>,
+    /// `None` before enough places.
+    predicted: Option<PredictedSoftness>,
 }
 
 impl Rise {
@@ -91,50 +103,90 @@ impl Rise {
 }
 
 impl Rises {
-    /// Adds a rise. If there is no room left, the new rise replaces the nearest one.
+    /// Adds the first rise at a place. If there is no room left, it replaces the nearest one.
     pub(crate) fn learn(&mut self, place: Place, rise: Rise, shape: Option<CurveShape>) {
         let tells = rise.to_n - rise.from_n >= ROSE_SHARE * rise.to_n && rise.way_mm > 0.0;
-        if !tells {
+        if !tells || self.at(place).is_some() {
             return;
         }
-        if let Some((shape, (softness, sigma))) = shape.and_then(|shape| Some((shape, self.predict(place, shape)?))) {
-            self.misses.learn((rise.softness(shape) / softness).ln(), sigma.hypot(WAY_MM / rise.way_mm));
+        if self.all.len() >= LEARNED {
+            self.learn_miss(place, rise, shape);
         }
-        remember(&mut self.all, (place, rise), PRESSES_MAX, |(at, _)| *at);
+        remember(&mut self.all, (place, rise), PLACES_MAX, |(at, _)| *at);
+        if self.all.len() == LEARNED {
+            self.all.clone().into_iter().for_each(|(place, rise)| self.learn_miss(place, rise, shape));
+        }
+    }
+
+    /// Adds how far the rises at other places miss a rise.
+    fn learn_miss(&mut self, place: Place, rise: Rise, shape: Option<CurveShape>) {
+        let Some(shape) = shape else { return };
+        let others: Vec<(Place, Rise)> =
+            self.all.iter().filter(|(at, _)| at.distance_mm(place) >= SAME_MM).copied().collect();
+        let near = nearest_of(&others, place);
+        if let Some((softness, sigma)) = kriged(&near, place, shape) {
+            let sigma = (self.misses.scale() * sigma).hypot(WAY_MM / rise.way_mm);
+            self.misses.learn((rise.softness(shape) / softness).ln(), sigma, near[0].0.distance_mm(place));
+        }
+    }
+
+    /// First rise at a place.
+    fn at(&self, place: Place) -> Option<&Rise> {
+        self.all.iter().find(|(at, _)| at.distance_mm(place) < SAME_MM).map(|(_, rise)| rise)
     }
 
     /// Returns the information from the presses around a place; `None` if there are too few. `most_n` is the largest force
     /// for which the curve is used, N.
     pub(crate) fn around(&self, place: Place, shape: Option<CurveShape>, most_n: f64) -> Option<LearnedCurve> {
-        let shape = shape.filter(|_| self.all.len() >= PRESSES_LEAST)?;
-        let near = self.near(place);
+        let here = self.at(place);
+        let shape = shape.filter(|_| self.all.len() >= PLACES_LEAST || here.is_some())?;
+        let near = nearest_of(&self.all, place);
         let softest = near.iter().map(|(_, rise)| rise.softness(shape)).fold(0.0, f64::max);
-        let predicted = self.predicted(&near, place, shape);
+        let predicted = self.predicted(&near, here, place, shape);
         (softest.is_finite() && softest > 0.0).then_some(LearnedCurve { shape, most_n, softest, predicted })
     }
 
-    /// Returns the ratio of the distance to that on the curve that is predicted for a place, and the standard deviation of its
-    /// logarithm.
-    fn predict(&self, place: Place, shape: CurveShape) -> Option<(f64, f64)> {
-        self.predicted(&self.near(place), place, shape)
-    }
-
-    /// Returns the same from the presses around the place.
-    fn predicted(&self, near: &[(Place, Rise)], place: Place, shape: CurveShape) -> Option<(f64, f64)> {
+    /// Returns what the nearest places predict, the place itself among them if it was pressed. `None` where nothing has tested it.
+    fn predicted(
+        &self,
+        near: &[(Place, Rise)],
+        here: Option<&Rise>,
+        place: Place,
+        shape: CurveShape,
+    ) -> Option<PredictedSoftness> {
         if self.all.len() < LEARNED {
+            let here = here?;
+            let sigma = OWN.hypot(WAY_MM / here.way_mm);
+            return Some(PredictedSoftness { softness: here.softness(shape), sigma, sigmas: SIGMAS });
+        }
+        if !self.misses.have_tested(near.first()?.0.distance_mm(place)) {
             return None;
         }
-        let places: Vec<Place> = near.iter().map(|(at, _)| *at).collect();
-        let own: Vec<f64> = near.iter().map(|(_, rise)| WAY_MM / rise.way_mm).collect();
-        let weights = weights(&places, &own, place, STIFFNESS)?;
-        let parts = near.iter().zip(&weights.each).map(|((_, rise), weight)| weight * rise.softness(shape).ln());
-        let softness = parts.sum::<f64>().exp();
-        (softness.is_finite() && softness > 0.0).then_some((softness, weights.sigma * self.misses.scale()))
+        let (softness, sigma) = kriged(near, place, shape)?;
+        Some(PredictedSoftness { softness, sigma: sigma * self.misses.scale(), sigmas: self.misses.sigmas() })
     }
+}
 
-    /// Returns the nearest presses, nearest first.
-    fn near(&self, place: Place) -> Vec<(Place, Rise)> {
-        nearest(self.all.iter().map(|(at, _)| *at), place).into_iter().map(|i| self.all[i]).collect()
+/// Returns the nearest rises, nearest first.
+fn nearest_of(all: &[(Place, Rise)], place: Place) -> Vec<(Place, Rise)> {
+    nearest(all.iter().map(|(at, _)| *at), place).into_iter().map(|i| all[i]).collect()
+}
+
+/// Returns the ratio of the distance to that on the curve that rises predict for a place, and the standard deviation of its logarithm
+/// before anything was learned of the misses.
+fn kriged(near: &[(Place, Rise)], place: Place, shape: CurveShape) -> Option<(f64, f64)> {
+    let places: Vec<Place> = near.iter().map(|(at, _)| *at).collect();
+    let own: Vec<f64> = near.iter().map(|(_, rise)| WAY_MM / rise.way_mm).collect();
+    let weights = weights(&places, &own, place, STIFFNESS)?;
+    let parts = near.iter().zip(&weights.each).map(|((_, rise), weight)| weight * rise.softness(shape).ln());
+    let softness = parts.sum::<f64>().exp();
+    (softness.is_finite() && softness > 0.0).then_some((softness, weights.sigma))
+}
+
+impl PredictedSoftness {
+    /// Largest difference of the logarithm, with a further standard deviation of `own`.
+    fn most_off(&self, own: f64) -> f64 {
+        most_off_by(STRICTER * self.sigmas, self.sigma.hypot(own))
     }
 }
 
@@ -143,22 +195,21 @@ impl LearnedCurve {
     pub fn longest_mm(&self, from_n: f64, to_n: f64) -> f64 {
         let on_curve_mm = self.on_curve_mm(from_n, to_n);
         let most = self.softest / SOFTEST_SHARE;
-        let most =
-            self.predicted.map_or(most, |(softness, sigma)| (softness * most_off(STRICTER * sigma).exp()).min(most));
-        most * on_curve_mm + WAY_MM
+        let predicted = self.predicted.map(|of| of.softness * of.most_off(0.0).exp());
+        predicted.map_or(most, |predicted| predicted.min(most)) * on_curve_mm + WAY_MM
     }
 
     /// Shortest distance that a rise of the force may need at that place, mm; 0 if too little is known.
     pub fn shortest_mm(&self, from_n: f64, to_n: f64) -> f64 {
-        let least = self.predicted.map_or(0.0, |(softness, sigma)| softness * (-most_off(STRICTER * sigma)).exp());
+        let least = self.predicted.map_or(0.0, |of| of.softness * (-of.most_off(0.0)).exp());
         (least * self.on_curve_mm(from_n, to_n) - WAY_MM).max(0.0)
     }
 
     /// Share of the allowed difference that a rise of the force over a distance uses up; `None` if too little is known.
     pub fn share(&self, from_n: f64, to_n: f64, way_mm: f64) -> Option<f64> {
-        let (softness, sigma) = self.predicted?;
-        let expected_mm = softness * self.on_curve_mm(from_n, to_n);
-        Some((way_mm / expected_mm).ln().abs() / most_off(STRICTER * sigma.hypot(WAY_MM / expected_mm)))
+        let predicted = self.predicted?;
+        let expected_mm = predicted.softness * self.on_curve_mm(from_n, to_n);
+        Some((way_mm / expected_mm).ln().abs() / predicted.most_off(WAY_MM / expected_mm))
     }
 
     /// Force, N, of the softest of them at a position deeper by `way_mm` than where the force is `from_n`.
@@ -173,7 +224,7 @@ impl LearnedCurve {
             return f64::INFINITY;
         }
         let (softness, to_n) = match self.predicted {
-            Some((softness, sigma)) => {
+            Some(PredictedSoftness { softness, sigma, .. }) => {
                 let over = (OVER_SIGMAS * sigma).clamp(OVER.0, OVER.1);
                 (softness, limit_n.max((1.0 + over) * set_n))
             }
@@ -186,7 +237,7 @@ impl LearnedCurve {
     /// cell; 0 if they have shown too little.
     pub fn safe_mm(&self, limit_n: f64) -> f64 {
         match self.predicted {
-            Some((softness, sigma)) if sigma <= SURE => {
+            Some(PredictedSoftness { softness, sigma, .. }) if sigma <= SURE => {
                 let to_n = limit_n.min(self.most_n);
                 softness * self.shape.depth_mm(to_n) * (-UNDER_SIGMAS * sigma).exp()
             }

@@ -1,14 +1,19 @@
-//! Prediction of a value at a place from the values at the places around it, and how far such predictions have missed.
+//! Prediction of a value at a place from the values at the places around it, and how far such predictions have missed. A prediction
+//! counts only where it was tested: at distances from which places that were left out have been predicted.
 
 use palpate_core::algebra::{cholesky, substitute};
 use palpate_core::quantity::Place;
 
 /// Number of nearest presses for a prediction.
 pub(super) const NEAREST: usize = 12;
-/// Number of presses from which a prediction counts.
+/// Number of places from which a prediction counts.
 pub const LEARNED: usize = 10;
+/// Distance of two presses at the same place, mm: the read-back of a stage that returns to it.
+pub(super) const SAME_MM: f64 = 0.02;
+/// Number of misses at a distance that test it.
+const TESTED: usize = 5;
 /// Standard deviation of one press about the smooth field, as a fraction: noise, relaxation, and error of the read-back.
-const OWN: f64 = 0.02;
+pub(super) const OWN: f64 = 0.02;
 /// Weight of the assumed scatter, in presses. The second constant is the number of presses over which misses are remembered, and
 /// the third is the largest miss that counts, in sd.
 const PRIOR: f64 = 4.0;
@@ -16,9 +21,13 @@ const MEMORY: f64 = 100.0;
 const MISS_MOST: f64 = 4.0;
 /// Least ratio of the misses to the predicted standard deviations. Presses close together say little about those farther apart.
 const SCALE_LEAST: f64 = 0.3;
+/// Largest ratio with which predictions are compared: beyond it the values change over shorter distances than is assumed.
+const SCALE_MOST: f64 = 2.0;
 /// Limit of a difference, in sd, and least limit as a fraction. A smaller difference can be the specimen's.
-const SIGMAS: f64 = 6.0;
+pub(super) const SIGMAS: f64 = 6.0;
 const LEAST: f64 = 0.25;
+/// The limit for a scatter that few misses have shown: normal quantile with a probability of 1e-6, either way.
+const RARE_SIGMAS: f64 = 4.9;
 /// The same for a difference from an earlier press at the same place. Sound runs of the campaigns reach 6 %.
 const LEAST_AGAIN: f64 = 0.15;
 
@@ -38,36 +47,60 @@ pub(super) struct NeighbourWeights {
     pub sigma: f64,
 }
 
-/// Size of the misses so far, relative to the sizes that were predicted.
+/// Size of the misses so far, relative to the sizes that were predicted. Each place adds one miss, predicted from the other places.
 #[derive(Clone, Debug)]
 pub(super) struct Misses {
     mean_square: f64,
     count: f64,
+    /// Largest distances from a predicted place to the nearest other place, mm, in falling order.
+    farthest_mm: [f64; TESTED],
 }
 
 impl Default for Misses {
     fn default() -> Self {
-        Misses { mean_square: 1.0, count: 0.0 }
+        Misses { mean_square: 1.0, count: 0.0, farthest_mm: [0.0; TESTED] }
     }
 }
 
 impl Misses {
-    /// Adds a miss, and its predicted standard deviation with the scale of the misses so far.
-    pub(super) fn learn(&mut self, off: f64, sigma: f64) {
+    /// Adds a miss, its predicted standard deviation with the scale of the misses so far, and the distance of the nearest place, mm.
+    pub(super) fn learn(&mut self, off: f64, sigma: f64, nearest_mm: f64) {
         self.count += 1.0;
         let square = (self.scale() * off / sigma).powi(2).min(MISS_MOST.powi(2));
         self.mean_square += (square - self.mean_square) / (self.count + PRIOR).min(MEMORY);
+        if let Some(at) = self.farthest_mm.iter().position(|known_mm| nearest_mm > *known_mm) {
+            self.farthest_mm[at..].rotate_right(1);
+            self.farthest_mm[at] = nearest_mm;
+        }
     }
 
     /// Ratio of the misses so far to the predicted standard deviations.
     pub(super) fn scale(&self) -> f64 {
         self.mean_square.sqrt().max(SCALE_LEAST)
     }
+
+    /// Whether enough predictions from places as far away were tested, and were about as good as predicted.
+    pub(super) fn have_tested(&self, nearest_mm: f64) -> bool {
+        nearest_mm <= self.farthest_mm[TESTED - 1] + SAME_MM && self.scale() <= SCALE_MOST
+    }
+
+    /// Largest difference of a sound press, in standard deviations: the quantile of Student's t for the number of misses, in
+    /// the approximation of Wallace (1959), but at least the usual limit.
+    pub(super) fn sigmas(&self) -> f64 {
+        let free = self.count.clamp(1.0, MEMORY);
+        let normal = RARE_SIGMAS * (8.0 * free + 3.0) / (8.0 * free + 1.0);
+        (free * ((normal * normal / free).exp() - 1.0)).sqrt().max(SIGMAS)
+    }
 }
 
-/// Largest difference between a value and its prediction with this standard deviation, both as logarithms or as fractions.
+/// Largest difference between a value and another one with this standard deviation between them, both as logarithms or as fractions.
 pub(super) fn most_off(sigma: f64) -> f64 {
-    (SIGMAS * sigma).max(LEAST)
+    most_off_by(SIGMAS, sigma)
+}
+
+/// The same for a number of standard deviations.
+pub(super) fn most_off_by(sigmas: f64, sigma: f64) -> f64 {
+    (sigmas * sigma).max(LEAST)
 }
 
 /// Largest difference between two values at the same place, both as logarithms or as fractions.
@@ -158,10 +191,29 @@ mod tests {
     fn misses_scale_the_predicted_error() {
         let mut misses = Misses::default();
         for _ in 0..200 {
-            misses.learn(0.2 * misses.scale(), misses.scale());
+            misses.learn(0.2 * misses.scale(), misses.scale(), 1.0);
         }
         assert_eq!(misses.scale(), SCALE_LEAST);
-        misses.learn(100.0, 1.0);
+        misses.learn(100.0, 1.0, 1.0);
         assert!(misses.scale() < 0.7, "one miss counts for at most its bound: {}", misses.scale());
+    }
+
+    #[test]
+    fn few_misses_widen_the_limit_and_only_tested_distances_are_judged() {
+        let after = |count: usize, distance_mm: f64, miss: f64| {
+            let mut misses = Misses::default();
+            (0..count).for_each(|_| misses.learn(miss * misses.scale(), misses.scale(), distance_mm));
+            misses
+        };
+        // quantiles of Student's t, 10 and 40 degrees of freedom, 1 - 4.79e-7
+        for (count, exact) in [(10, 10.565), (40, 5.782)] {
+            let sigmas = after(count, 1.0, 1.0).sigmas();
+            assert!((sigmas / f64::max(exact, SIGMAS) - 1.0).abs() < 0.02, "{count}: {sigmas}");
+        }
+        assert_eq!(after(1000, 1.0, 1.0).sigmas(), SIGMAS);
+        assert!(!after(TESTED - 1, 1.0, 1.0).have_tested(1.0));
+        let misses = after(TESTED, 1.0, 1.0);
+        assert!(misses.have_tested(1.0 + SAME_MM / 2.0) && !misses.have_tested(1.1));
+        assert!(!after(40, 1.0, 3.0).have_tested(1.0), "values that change over shorter distances");
     }
 }

@@ -1,7 +1,10 @@
-//! Outputs for each newton, compared with those of the presses around. The array is a second measurement of each contact: a load
-//! cell whose gain changes, a sensor that shifts and outputs that jump all change this ratio or the pattern of the outputs.
+//! Outputs for each newton, compared with those of the first press at the place and of the presses around. The array is a second
+//! measurement of each contact: a load cell whose gain changes, a sensor that shifts and outputs that jump all change this ratio or
+//! the pattern of the outputs.
 
-use super::neighbours::{FieldSmoothness, LEARNED, Misses, most_changed, most_off, nearest, remember, weights};
+use super::neighbours::{
+    FieldSmoothness, LEARNED, Misses, SAME_MM, most_changed, most_off, most_off_by, nearest, remember, weights,
+};
 use super::trip::{SafetyRule, Trip};
 use palpate_core::quantity::Place;
 
@@ -15,8 +18,8 @@ const GAIN_SPREAD: f64 = 0.3;
 const PATTERN_SPREAD: f64 = 0.6;
 /// Standard deviation of both between contacts whose forces differ by a factor of e. Outputs aren't proportional to the force.
 const NONLINEAR: f64 = 0.1;
-/// Standard deviation of the outputs between repeated contacts, as a fraction of the largest outputs so far. A light contact repeats
-/// no better than a strong one. This can't be seen without load.
+/// Standard deviation of the outputs between repeated contacts, as a fraction of the largest outputs until the earlier one. A light contact
+/// repeats no better than a strong one. This can't be seen without load.
 const REPEATS: f64 = 0.02;
 
 /// A contact as the array and the load cell measured it.
@@ -36,30 +39,25 @@ pub struct MeasuredContact {
 #[derive(Clone, Debug)]
 pub struct LearnedOutputs {
     length_mm: f64,
-    known: Vec<MeasuredContact>,
-    /// Largest length of the vector of outputs.
-    most: f64,
+    /// The first contact at each place.
+    known: Vec<KnownContact>,
     gain: Misses,
     pattern: Misses,
+    /// Changes of the pattern at places that were pressed again.
+    again: Misses,
 }
 
-/// Differences of a contact from the prediction, each with its predicted standard deviation.
+/// A contact, and the largest length of the vector of outputs until then. Later contacts, which a fault may change, don't change it.
+#[derive(Clone, Debug)]
+struct KnownContact {
+    contact: MeasuredContact,
+    most: f64,
+}
+
+/// Differences of a contact from what is expected, each with its standard deviation.
 struct Differences {
     gain: (f64, f64),
     pattern: (f64, f64),
-}
-
-impl Differences {
-    fn check(&self) -> Result<(), Trip> {
-        for (off, sigma) in [self.gain, self.pattern] {
-            let within = off <= most_off(sigma);
-            if !within {
-                let percent = |share: f64| 100.0 * share;
-                return Err(Trip::new(SafetyRule::OutputsDiffer, percent(off), percent(most_off(sigma)), "%"));
-            }
-        }
-        Ok(())
-    }
 }
 
 impl MeasuredContact {
@@ -78,15 +76,19 @@ impl MeasuredContact {
         (self.length() / self.force_n).ln()
     }
 
-    /// Relative standard deviation by noise and by imperfect repetition alone. `most` is the largest length of the outputs so far.
+    /// Relative standard deviation by noise and by imperfect repetition alone. `most` is the largest length of the outputs.
     fn own(&self, most: f64) -> f64 {
         let [output, force_n] = self.sigmas;
         let outputs = (output * (self.outputs.len() as f64).sqrt()).hypot(REPEATS * most);
         (outputs / self.length()).hypot(force_n / self.force_n)
     }
+
+    fn distance_mm(&self, place: Place) -> f64 {
+        self.place.distance_mm(place)
+    }
 }
 
-/// Change of a contact from an earlier one at the same place.
+/// Change of a contact from an earlier one at the same place, or from what other places predict.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Changed {
     /// Change of the logarithm of the outputs for each newton, and its limit.
@@ -95,93 +97,157 @@ pub struct Changed {
     pub pattern: (f64, f64),
 }
 
+impl Changed {
+    fn check(&self) -> Result<(), Trip> {
+        for (off, limit) in [self.gain, self.pattern] {
+            let is_within = off.abs() <= limit;
+            if !is_within {
+                return Err(Trip::new(SafetyRule::OutputsDiffer, 100.0 * off.abs(), 100.0 * limit, "%"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Share of the limits that is used up.
+    fn share(&self) -> f64 {
+        [self.gain, self.pattern].map(|(off, limit)| off.abs() / limit).into_iter().fold(0.0, f64::max)
+    }
+}
+
 impl LearnedOutputs {
     /// Creates a response that knows only the distance between taxels, mm, if there is one.
     pub fn new(pitch_mm: Option<f64>) -> Self {
         let length_mm = LENGTH_SHARE * pitch_mm.unwrap_or(PITCH_MM);
-        LearnedOutputs { length_mm, known: Vec::new(), most: 0.0, gain: Misses::default(), pattern: Misses::default() }
+        LearnedOutputs {
+            length_mm,
+            known: Vec::new(),
+            gain: Misses::default(),
+            pattern: Misses::default(),
+            again: Misses::default(),
+        }
     }
 
-    /// Compares a contact with the contacts around it.
+    /// Compares a contact with the first one at its place, and with the contacts around it.
     ///
     /// # Errors
-    /// A trip if the outputs for each newton, or their pattern, differ by more than the contacts so far explain.
+    /// A trip if the outputs for each newton, or their pattern, differ by more than noise, imperfect repetition and the contacts so far
+    /// explain.
     pub fn check(&self, felt: &MeasuredContact) -> Result<(), Trip> {
-        self.differences(felt).map_or(Ok(()), |differences| differences.check())
+        self.changes(felt).iter().flatten().try_for_each(Changed::check)
     }
 
-    /// Compares a contact with the contacts around it, and adds it.
+    /// Compares a contact like [`check`](Self::check), and adds it.
     ///
     /// # Errors
-    /// The same as for [`check`](Self::check); the contact isn't added then.
+    /// The same; the contact isn't added then.
     pub fn take(&mut self, felt: MeasuredContact) -> Result<(), Trip> {
-        let differences = self.differences(&felt);
-        differences.iter().try_for_each(Differences::check)?;
-        self.add(felt, differences);
+        self.check(&felt)?;
+        self.learn(felt);
         Ok(())
     }
 
-    /// Compares a contact with an earlier one at the same place. The limits cover the noise of both, and that of the pattern also the
-    /// scatter of the patterns so far. `None` if one of them shows nothing.
+    /// Compares a contact with an earlier one at the same place. The limits cover the noise of both. `None` if one of them shows nothing.
     pub fn compare(&self, before: &MeasuredContact, now: &MeasuredContact) -> Option<Changed> {
-        if before.outputs.len() != now.outputs.len() {
-            return None;
-        }
-        // the scatter of the gains is left out, because a changing load cell widens it
-        let scatter = self.differences(now).map_or(0.0, |known| known.pattern.1);
-        let nonlinear = NONLINEAR * (now.force_n / before.force_n).ln();
-        let own = before.own(self.most).hypot(now.own(self.most)).hypot(nonlinear);
-        let pairs = before.outputs.iter().zip(&now.outputs);
-        let pattern = pairs.map(|(before_v, now_v)| now_v / now.length() - before_v / before.length());
-        let changed = Changed {
-            gain: (now.gain() - before.gain(), most_changed(own)),
-            pattern: (pattern.map(|off| off * off).sum::<f64>().sqrt(), most_off(own.hypot(scatter))),
-        };
+        let Differences { gain, pattern } = self.repeated(before, now)?;
+        let changed = Changed { gain: (gain.0, most_changed(gain.1)), pattern: (pattern.0, most_off(pattern.1)) };
         let all = [changed.gain.0, changed.gain.1, changed.pattern.0, changed.pattern.1];
         all.iter().all(|value| value.is_finite()).then_some(changed)
     }
 
-    /// Share of the allowed difference that a contact uses up; `None` if too little is known.
+    /// Share of the allowed difference that a contact uses up; `None` if there is nothing to compare it with.
     pub fn share(&self, felt: &MeasuredContact) -> Option<f64> {
-        let Differences { gain, pattern } = self.differences(felt)?;
-        Some([gain, pattern].map(|(off, sigma)| off / most_off(sigma)).into_iter().fold(0.0, f64::max))
+        self.changes(felt).iter().flatten().map(Changed::share).reduce(f64::max)
     }
 
-    /// Adds a contact. A contact that shows nothing isn't added. If there is no room left, it replaces the nearest one.
+    /// Adds a contact at a new place. A contact that shows nothing isn't added. If there is no room left, it replaces the nearest one.
     pub fn learn(&mut self, felt: MeasuredContact) {
-        let differences = self.differences(&felt);
-        self.add(felt, differences);
-    }
-
-    fn add(&mut self, felt: MeasuredContact, differences: Option<Differences>) {
         let tells = felt.length() > 0.0 && felt.length().is_finite() && felt.force_n > 0.0;
-        if !tells || self.known.first().is_some_and(|first| first.outputs.len() != felt.outputs.len()) {
+        if !tells || self.known.first().is_some_and(|first| first.contact.outputs.len() != felt.outputs.len()) {
             return;
         }
-        if let Some(Differences { gain, pattern }) = differences {
-            self.gain.learn(gain.0, gain.1);
-            self.pattern.learn(pattern.0, pattern.1);
+        if let Some(first) = self.at(felt.place) {
+            if let Some(Differences { pattern, .. }) = self.repeated(&first.contact, &felt) {
+                self.again.learn(pattern.0, self.again.scale() * pattern.1, 0.0);
+            }
+            return;
         }
-        self.most = self.most.max(felt.length());
-        remember(&mut self.known, felt, CONTACTS_MAX, |known| known.place);
+        if self.known.len() >= LEARNED {
+            self.learn_miss(&felt);
+        }
+        let most = self.known.last().map_or(0.0, |last| last.most).max(felt.length());
+        remember(&mut self.known, KnownContact { contact: felt, most }, CONTACTS_MAX, |known| known.contact.place);
+        if self.known.len() == LEARNED {
+            let contacts: Vec<MeasuredContact> = self.known.iter().map(|known| known.contact.clone()).collect();
+            contacts.iter().for_each(|contact| self.learn_miss(contact));
+        }
     }
 
-    fn differences(&self, felt: &MeasuredContact) -> Option<Differences> {
-        if self.known.len() < LEARNED {
+    /// Adds how far the contacts at other places miss a contact.
+    fn learn_miss(&mut self, felt: &MeasuredContact) {
+        if let Some((Differences { gain, pattern }, nearest_mm)) = self.predicted(felt) {
+            self.gain.learn(gain.0, gain.1, nearest_mm);
+            self.pattern.learn(pattern.0, pattern.1, nearest_mm);
+        }
+    }
+
+    /// First contact at a place.
+    fn at(&self, place: Place) -> Option<&KnownContact> {
+        self.known.iter().find(|known| known.contact.distance_mm(place) < SAME_MM)
+    }
+
+    /// Returns the changes of a contact from the first one at its place, and from what the other places predict.
+    fn changes(&self, felt: &MeasuredContact) -> [Option<Changed>; 2] {
+        let first = self.at(felt.place).and_then(|first| self.repeated(&first.contact, felt));
+        let again = first.map(|Differences { gain, pattern }| Changed {
+            gain: (gain.0, most_off(gain.1)),
+            pattern: (pattern.0, most_off(self.again.scale().max(1.0) * pattern.1)),
+        });
+        let around = self.predicted(felt).map(|(Differences { gain, pattern }, nearest_mm)| {
+            let limit = |misses: &Misses, sigma: f64| match misses.have_tested(nearest_mm) {
+                true => most_off_by(misses.sigmas(), sigma),
+                false => f64::INFINITY,
+            };
+            Changed { gain: (gain.0, limit(&self.gain, gain.1)), pattern: (pattern.0, limit(&self.pattern, pattern.1)) }
+        });
+        [again, around]
+    }
+
+    /// Returns the differences of a contact from an earlier one at the same place; `None` if they have other outputs.
+    fn repeated(&self, before: &MeasuredContact, now: &MeasuredContact) -> Option<Differences> {
+        if before.outputs.len() != now.outputs.len() {
             return None;
         }
-        let near: Vec<&MeasuredContact> = nearest(self.known.iter().map(|known| known.place), felt.place)
+        let most = self.at(before.place).map_or(0.0, |first| first.most).max(before.length());
+        let nonlinear = NONLINEAR * (now.force_n / before.force_n).ln();
+        let own = before.own(most).hypot(now.own(most)).hypot(nonlinear);
+        let pairs = before.outputs.iter().zip(&now.outputs);
+        let pattern = pairs.map(|(before_v, now_v)| now_v / now.length() - before_v / before.length());
+        let pattern = pattern.map(|off| off * off).sum::<f64>().sqrt();
+        Some(Differences { gain: (now.gain() - before.gain(), own), pattern: (pattern, own) })
+    }
+
+    /// Returns the differences of a contact from what the contacts at other places predict, and the distance of the nearest one, mm. `None`
+    /// if there are too few of them.
+    fn predicted(&self, felt: &MeasuredContact) -> Option<(Differences, f64)> {
+        let others: Vec<&KnownContact> =
+            self.known.iter().filter(|known| known.contact.distance_mm(felt.place) >= SAME_MM).collect();
+        if others.len() + 1 < LEARNED {
+            return None;
+        }
+        let near: Vec<&KnownContact> = nearest(others.iter().map(|known| known.contact.place), felt.place)
             .into_iter()
-            .map(|i| &self.known[i])
+            .map(|i| others[i])
             .collect();
-        let places: Vec<Place> = near.iter().map(|known| known.place).collect();
-        let own: Vec<f64> = near.iter().map(|known| known.own(self.most)).collect();
+        let places: Vec<Place> = near.iter().map(|known| known.contact.place).collect();
+        let own: Vec<f64> = near.iter().map(|known| known.contact.own(known.most)).collect();
+        let most = near.iter().map(|known| known.most).fold(0.0, f64::max);
+        let near: Vec<&MeasuredContact> = near.into_iter().map(|known| &known.contact).collect();
         let field = |spread| FieldSmoothness { length_mm: self.length_mm, spread };
         let gains = weights(&places, &own, felt.place, field(GAIN_SPREAD))?;
         let patterns = weights(&places, &own, felt.place, field(PATTERN_SPREAD))?;
         let ratios = near.iter().zip(&gains.each).map(|(known, weight)| weight * (felt.force_n / known.force_n).ln());
         // the common part isn't averaged away
-        let beyond = felt.own(self.most).hypot(NONLINEAR * ratios.sum::<f64>());
+        let beyond = felt.own(most).hypot(NONLINEAR * ratios.sum::<f64>());
         let expected: f64 = near.iter().zip(&gains.each).map(|(known, weight)| weight * known.gain()).sum();
         let mut pattern = vec![0.0; felt.outputs.len()];
         for (known, weight) in near.iter().zip(&patterns.each) {
@@ -189,13 +255,14 @@ impl LearnedOutputs {
             pattern.iter_mut().zip(&known.outputs).for_each(|(sum, output)| *sum += scale * output);
         }
         let off = pattern.iter().zip(&felt.outputs).map(|(expected, output)| output / felt.length() - expected);
-        Some(Differences {
+        let differences = Differences {
             gain: ((felt.gain() - expected).abs(), (self.gain.scale() * gains.sigma).hypot(beyond)),
             pattern: (
                 off.map(|off| off * off).sum::<f64>().sqrt(),
                 (self.pattern.scale() * patterns.sigma).hypot(beyond),
             ),
-        })
+        };
+        Some((differences, near[0].distance_mm(felt.place)))
     }
 }
 
@@ -277,5 +344,45 @@ mod tests {
         let light = |gain: f64| MeasuredContact { force_n: 0.1, ..felt(0.3, -0.7, 0.1 * gain) };
         assert_eq!(response.check(&light(1.6)), Ok(()));
         assert!(response.check(&light(8.0)).is_err());
+    }
+
+    #[test]
+    fn a_place_that_was_pressed_before_is_compared_with_its_first_press() {
+        let mut response = LearnedOutputs::new(Some(4.5));
+        for x_mm in [-4.5, 4.5] {
+            assert_eq!(response.take(felt(x_mm, 0.0, 1.0)), Ok(()));
+        }
+        assert_eq!(response.check(&felt(0.0, 0.0, 1.5)), Ok(()), "a new place");
+        assert_eq!(response.take(felt(4.505, 0.0, 1.1)), Ok(()));
+        for changed in
+            [felt(4.505, 0.0, 1.0 / 0.65), MeasuredContact { place: Place::new(4.5, 0.0), ..felt(1.5, 0.0, 1.0) }]
+        {
+            assert_eq!(response.check(&changed).unwrap_err().rule, SafetyRule::OutputsDiffer);
+        }
+        assert_eq!(response.known.len(), 2, "a place is known by its first press");
+    }
+
+    #[test]
+    fn presses_at_few_places_predict_nothing_elsewhere() {
+        let mut response = LearnedOutputs::new(Some(10.0));
+        let places = [(-4.0, 0.0), (4.0, 0.0), (0.0, -4.0), (0.0, 4.0), (0.0, 0.0)];
+        for (x_mm, y_mm) in places.into_iter().flat_map(|at| [at; 20]) {
+            assert_eq!(response.take(felt(x_mm, y_mm, 1.0)), Ok(()));
+        }
+        assert_eq!(response.check(&felt(4.0, 4.0, 3.0)), Ok(()));
+    }
+
+    #[test]
+    fn outputs_that_a_fault_makes_large_do_not_widen_the_limits_of_its_check() {
+        let reference = felt(-3.0, -3.0, 1.0);
+        for scale in [1.3, 3.0, 100.0, 1000.0] {
+            let mut response = LearnedOutputs::new(Some(4.5));
+            for i in 0..9 {
+                let gain = if i < 4 { 1.0 } else { scale };
+                response.learn(felt(2.0 * f64::from(i % 3) - 3.0, 2.0 * f64::from(i / 3) - 3.0, gain));
+            }
+            let Changed { gain, .. } = response.compare(&reference, &felt(-3.0, -3.0, scale)).unwrap();
+            assert!(gain.0 > gain.1, "{scale}: {gain:?}");
+        }
     }
 }

@@ -7,6 +7,7 @@ mod marlin;
 mod ur;
 
 use super::families::{Family, When};
+use crate::faults::bounded;
 use palpate_control::Strategy;
 use palpate_core::quantity::{Place, stream};
 use palpate_data::recipe::Plan;
@@ -134,8 +135,7 @@ impl<K: Copy + Debug + PartialEq + Sync + Send> Finishing<K> {
 
     fn wrong(&self, seed: u64) -> Wrong<K> {
         // a contact harder than declared isn't one of them: a rig's motions are safe for its declaration
-        let scenes: Vec<FaultKind> =
-            FaultKind::ALL.iter().map(|&(_, kind)| kind).filter(|kind| *kind != FaultKind::HardContact).collect();
+        let scenes: Vec<FaultKind> = bounded().into_iter().filter(|kind| *kind != FaultKind::HardContact).collect();
         let twice = 2 * self.faults.len();
         match seed as usize % (1 + twice + scenes.len()) {
             0 => Wrong::Nothing,

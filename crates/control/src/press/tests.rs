@@ -475,9 +475,19 @@ fn half_gain_is_found_at_the_first_press_with_a_declared_least_stiffness() {
 #[test]
 fn press_half_as_stiff_as_neighbours_is_found_with_every_strategy() {
     for strategy in Strategy::ALL {
-        let bench = PressBench { strategy, map: learned_curve(), ..bench(PressTask::press(1.0), 0.0) };
-        assert_eq!(bench.rule(|depth_mm| 0.44 * force_at(depth_mm)).0, SafetyRule::SofterThanTaught, "{strategy:?}");
-        assert_eq!(bench.execute(|depth_mm| 0.65 * force_at(depth_mm)).1.end, LoopCommand::Done, "{strategy:?}");
+        let between = PressBench {
+            strategy,
+            map: learned_curve(),
+            place: Place::new(2.0, 1.0),
+            ..bench(PressTask::press(1.0), 0.0)
+        };
+        let softer = |share: f64| move |depth_mm| share * force_at(depth_mm);
+        assert_eq!(between.rule(softer(0.44)).0, SafetyRule::SofterThanTaught, "{strategy:?}");
+        assert_eq!(between.execute(softer(0.65)).1.end, LoopCommand::Done, "{strategy:?}");
+        // the place itself tells more than those around
+        let again = PressBench { place: Place::default(), ..between };
+        assert_eq!(again.rule(softer(0.65)).0, SafetyRule::SofterThanTaught, "{strategy:?}");
+        assert_eq!(again.execute(softer(0.9)).1.end, LoopCommand::Done, "{strategy:?}");
     }
 }
 

@@ -141,9 +141,11 @@ fn read_fault(table: &Table) -> Option<SceneFault> {
         FaultKind::Saturated => table.number(&fault::saturated::value),
         FaultKind::HardContact => table.number(&fault::hard_contact::value),
         FaultKind::ArrayLost => table.number(&fault::array_lost::value),
+        FaultKind::ScaledOutputs => table.number(&fault::scaled_outputs::value),
         FaultKind::SlowStage => table.number(&fault::slow_stage::value),
         FaultKind::Noisy => table.number(&fault::noisy::value),
         FaultKind::DriftedZero => table.number(&fault::drifted_zero::value),
+        FaultKind::LostGain => table.number(&fault::lost_gain::value),
         FaultKind::RollsOver => table.number(&fault::rolls_over::value),
         _ => None,
     };

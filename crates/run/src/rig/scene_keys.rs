@@ -318,6 +318,9 @@ keys! {
         array_lost = "array-lost" {
             value: Number(TIME), Allowed, "time for which the array is silent; without it for ever", "2.5";
         }
+        scaled_outputs = "scaled-outputs" {
+            value: Number(within(0.0, 1e6, "times")), Allowed, "factor on the array's outputs; without it 2", "1.3";
+        }
         slow_stage = "slow-stage" {
             value: Number(LATENCY), Allowed, "additional time of each exchange; the default is 200 ms", "200.0";
         }
@@ -326,6 +329,9 @@ keys! {
         }
         drifted_zero = "drifted-zero" {
             value: Number(OFFSET), Allowed, "offset added to the load cell's readings; without it -0.5 N", "-0.5";
+        }
+        lost_gain = "lost-gain" {
+            value: Number(within(0.0, 1.0, "")), Allowed, "factor by which the load cell's readings fall; without it 0.5", "0.65";
         }
         rolls_over = "rolls-over" {
             value: Number(FORCE), Allowed, "reading above which the load cell's count turns negative; without it 0.8 N", "0.8";

@@ -35,6 +35,8 @@ pub enum FaultKind {
     StageLost,
     /// The array's link is silent, as if it were unplugged: for the value, s, or for ever without one.
     ArrayLost,
+    /// The array's outputs are multiplied by the value.
+    ScaledOutputs,
     /// Each exchange of the stage takes longer by the value, ms.
     SlowStage,
     /// The load cell's noise is multiplied by the value.
@@ -43,13 +45,15 @@ pub enum FaultKind {
     DriftedZero,
     /// The load cell's count rolls over: above the value, N, it reads lower by twice the value.
     RollsOver,
+    /// The load cell's amplifier loses gain: the whole reading is multiplied by the value, its zero included.
+    LostGain,
     /// The specimen is nearer to the indenter by the value, mm. Rig files don't have this kind.
     Risen,
 }
 
 impl FaultKind {
     /// All kinds that a rig file can have, with their names there.
-    pub const ALL: [(&str, FaultKind); 14] = [
+    pub const ALL: [(&str, FaultKind); 16] = [
         ("stuck", FaultKind::Stuck),
         ("no-sensor", FaultKind::NoSensor),
         ("wrong-sign", FaultKind::WrongSign),
@@ -60,20 +64,24 @@ impl FaultKind {
         ("stale", FaultKind::Stale),
         ("stage-lost", FaultKind::StageLost),
         ("array-lost", FaultKind::ArrayLost),
+        ("scaled-outputs", FaultKind::ScaledOutputs),
         ("slow-stage", FaultKind::SlowStage),
         ("noisy", FaultKind::Noisy),
         ("drifted-zero", FaultKind::DriftedZero),
         ("rolls-over", FaultKind::RollsOver),
+        ("lost-gain", FaultKind::LostGain),
     ];
 
-    /// Returns the default value of a kind: 0.8 N, 20 N/mm, 200 ms, 10 times or -0.5 N; `None` for a kind without a value.
+    /// Returns the default value of a kind: 0.8 N, 20 N/mm, 200 ms, 2 or 10 times, -0.5 N or half; `None` for a kind without a value.
     pub fn usual(self) -> Option<f64> {
         match self {
             FaultKind::Saturated | FaultKind::RollsOver => Some(0.8),
             FaultKind::HardContact => Some(20.0),
             FaultKind::SlowStage => Some(200.0),
+            FaultKind::ScaledOutputs => Some(2.0),
             FaultKind::Noisy => Some(10.0),
             FaultKind::DriftedZero => Some(-0.5),
+            FaultKind::LostGain => Some(0.5),
             _ => None,
         }
     }

@@ -275,7 +275,8 @@ impl LoadCellState {
         let zero_n = self.no_load_n(&cell, conversion) + faults.values(FaultKind::DriftedZero, now_s).sum::<f64>();
         let noise_n = cell.noise_n * faults.values(FaultKind::Noisy, now_s).product::<f64>();
         let most_n = faults.values(FaultKind::Saturated, now_s).fold(f64::INFINITY, f64::min);
-        let reads_n = (share * cell.gain * held_n + zero_n + noise_n * self.draw()).min(most_n);
+        let gain = faults.values(FaultKind::LostGain, now_s).product::<f64>();
+        let reads_n = (gain * (share * cell.gain * held_n + zero_n + noise_n * self.draw())).min(most_n);
         let turns_n = faults.values(FaultKind::RollsOver, now_s).fold(f64::INFINITY, f64::min);
         if reads_n > turns_n { reads_n - 2.0 * turns_n } else { reads_n }
     }

@@ -228,6 +228,10 @@ impl Scene {
         self.advance(now_s);
         let [x_n, y_n] = self.friction_n();
         self.taxels.outputs([x_n, y_n, self.contact.force_n()], self.place(now_s), now_s, outputs);
+        if self.faults.any(FaultKind::ScaledOutputs, now_s) {
+            let scale = self.faults.values(FaultKind::ScaledOutputs, now_s).product::<f64>();
+            outputs.iter_mut().for_each(|output| *output *= scale);
+        }
     }
 
     /// Number of outputs of the array: one for each channel of each taxel.
