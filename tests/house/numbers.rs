@@ -60,7 +60,7 @@ const STATED: [Stated; 42] = [
     ),
     stated(
         FORCE_LOOP,
-        "After {} presses, palpate predicts",
+        "or from {} places, palpate predicts",
         &[Value("crates/control/src/neighbours.rs", "LEARNED", word)],
     ),
     stated(
