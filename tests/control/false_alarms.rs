@@ -214,8 +214,10 @@ fn far_apart(rng: &mut RandomStream) -> Vec<Place> {
 
 /// Largest fraction of each rule's limit in the presses of a ledger.
 fn shares(spec: &RigSpec, ledger: &Memory) -> BTreeMap<&'static str, Share> {
-    let (mut map, mut response) =
-        (ContactMap::new(spec.frame.uncertainty_mm), LearnedOutputs::new(spec.array.layout.pitch_mm()));
+    let (mut map, mut response) = (
+        ContactMap::new(spec.frame.uncertainty_mm),
+        LearnedOutputs::new(spec.array.layout.pitch_mm(), spec.limits.force_n),
+    );
     let (mut all, mut cell_n) = (BTreeMap::<_, Share>::new(), 0.0);
     for record in ledger.records() {
         if let Record::Zero { sigma_n, .. } = record {

@@ -11,12 +11,14 @@ use palpate_data::recipe::Plan;
 use palpate_run::rig::{self, RigSpec};
 use palpate_sim::scene::{FaultKind, SceneFault};
 use palpate_testing::executions::{BENCHES, ExecutedRun, executed, in_parallel, must_be_none, plan};
-use palpate_testing::{campaign, exchanged};
+use palpate_testing::{campaign, exchanged, shipped_text};
 use rand::RngExt;
 use std::fmt::Write;
 
 /// Seeds of each plan: quick, and full.
 const SEEDS: (usize, usize) = (1, 200);
+/// Seeds of single presses: quick, and full.
+const LIGHT_SEEDS: (usize, usize) = (4, 100);
 /// Quick: one seed with a lost gain in so many.
 const QUICK_EVERY: usize = 7;
 
@@ -375,6 +377,28 @@ fn outputs_that_are_scaled_are_found_by_the_next_press_at_a_place_or_by_the_chec
         println!("{}, seed {seed}, outputs x {scale}: found {is_found}, limit of the check {limit:?}", sparse.name);
         (!is_found && limit.is_some_and(|limit| limit < FINE_CHECK))
             .then(|| format!("{}, seed {seed}, outputs x {scale}: limit {limit:?}", sparse.name))
+    });
+    must_be_none(&ends.into_iter().flatten().collect::<Vec<String>>());
+}
+
+/// The first press of the tutorial, and stronger ones: its check may not doubt a sound cell.
+#[test]
+fn check_of_a_single_light_press_knows_its_noise() {
+    let forces_n = [0.2, 0.5, 1.0];
+    let seeds = campaign::size(LIGHT_SEEDS.0, LIGHT_SEEDS.1) as u64;
+    let cases: Vec<(f64, u64)> =
+        forces_n.iter().flat_map(|&force_n| (1..=seeds).map(move |seed| (force_n, seed))).collect();
+    let ends = in_parallel(&cases, |&(force_n, seed)| {
+        let spec = rig::parse("sim.toml", &shipped_text("rigs/sim.toml"), &|_| unreachable!("no map of its own"));
+        let spec = spec.unwrap_or_else(|problems| panic!("{:?}", problems.lines()));
+        let recipe = format!(
+            "name = \"first\"\n[[step]]\nphase = \"calibration\"\nlist = {{ places_mm = [[0.0, 0.0]] }}\nforce_n = {force_n:?}\n"
+        );
+        let run = executed(&spec, &plan(&spec, &recipe, seed));
+        let failed =
+            run.ledger.records().iter().find(|record| matches!(record, Record::Check(check) if check.is_failed()));
+        let end = run.ending.text().or_else(|| failed.map(|check| format!("{check:?}")));
+        end.map(|end| format!("{force_n} N, seed {seed}: {end}"))
     });
     must_be_none(&ends.into_iter().flatten().collect::<Vec<String>>());
 }

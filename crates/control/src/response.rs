@@ -21,6 +21,8 @@ const NONLINEAR: f64 = 0.1;
 /// Standard deviation of the outputs between repeated contacts, as a fraction of the largest outputs until the earlier one. A light contact
 /// repeats no better than a strong one. This can't be seen without load.
 const REPEATS: f64 = 0.02;
+/// Part of the force limit whose outputs count as the largest outputs, if no contact so far had larger ones: a run can have light presses only.
+const LARGE_SHARE: f64 = 0.5;
 
 /// A contact as the array and the load cell measured it.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,6 +41,7 @@ pub struct MeasuredContact {
 #[derive(Clone, Debug)]
 pub struct LearnedOutputs {
     length_mm: f64,
+    force_limit_n: f64,
     /// The first contact at each place.
     known: Vec<KnownContact>,
     gain: Misses,
@@ -76,13 +79,6 @@ impl MeasuredContact {
         (self.length() / self.force_n).ln()
     }
 
-    /// Relative standard deviation by noise and by imperfect repetition alone. `most` is the largest length of the outputs.
-    fn own(&self, most: f64) -> f64 {
-        let [output, force_n] = self.sigmas;
-        let outputs = (output * (self.outputs.len() as f64).sqrt()).hypot(REPEATS * most);
-        (outputs / self.length()).hypot(force_n / self.force_n)
-    }
-
     fn distance_mm(&self, place: Place) -> f64 {
         self.place.distance_mm(place)
     }
@@ -115,11 +111,12 @@ impl Changed {
 }
 
 impl LearnedOutputs {
-    /// Creates a response that knows only the distance between taxels, mm, if there is one.
-    pub fn new(pitch_mm: Option<f64>) -> Self {
+    /// Creates a response that knows only the force limit, N, and the distance between taxels, mm, if there is one.
+    pub fn new(pitch_mm: Option<f64>, force_limit_n: f64) -> Self {
         let length_mm = LENGTH_SHARE * pitch_mm.unwrap_or(PITCH_MM);
         LearnedOutputs {
             length_mm,
+            force_limit_n,
             known: Vec::new(),
             gain: Misses::default(),
             pattern: Misses::default(),
@@ -190,6 +187,14 @@ impl LearnedOutputs {
         }
     }
 
+    /// Relative standard deviation of a contact by noise and by imperfect repetition alone. `most` is the largest length of the outputs.
+    fn own(&self, contact: &MeasuredContact, most: f64) -> f64 {
+        let [output, force_n] = contact.sigmas;
+        let most = most.max(LARGE_SHARE * self.force_limit_n / contact.force_n * contact.length());
+        let outputs = (output * (contact.outputs.len() as f64).sqrt()).hypot(REPEATS * most);
+        (outputs / contact.length()).hypot(force_n / contact.force_n)
+    }
+
     /// First contact at a place.
     fn at(&self, place: Place) -> Option<&KnownContact> {
         self.known.iter().find(|known| known.contact.distance_mm(place) < SAME_MM)
@@ -219,7 +224,7 @@ impl LearnedOutputs {
         }
         let most = self.at(before.place).map_or(0.0, |first| first.most).max(before.length());
         let nonlinear = NONLINEAR * (now.force_n / before.force_n).ln();
-        let own = before.own(most).hypot(now.own(most)).hypot(nonlinear);
+        let own = self.own(before, most).hypot(self.own(now, most)).hypot(nonlinear);
         let pairs = before.outputs.iter().zip(&now.outputs);
         let pattern = pairs.map(|(before_v, now_v)| now_v / now.length() - before_v / before.length());
         let pattern = pattern.map(|off| off * off).sum::<f64>().sqrt();
@@ -239,7 +244,7 @@ impl LearnedOutputs {
             .map(|i| others[i])
             .collect();
         let places: Vec<Place> = near.iter().map(|known| known.contact.place).collect();
-        let own: Vec<f64> = near.iter().map(|known| known.contact.own(known.most)).collect();
+        let own: Vec<f64> = near.iter().map(|known| self.own(&known.contact, known.most)).collect();
         let most = near.iter().map(|known| known.most).fold(0.0, f64::max);
         let near: Vec<&MeasuredContact> = near.into_iter().map(|known| &known.contact).collect();
         let field = |spread| FieldSmoothness { length_mm: self.length_mm, spread };
@@ -247,7 +252,7 @@ impl LearnedOutputs {
         let patterns = weights(&places, &own, felt.place, field(PATTERN_SPREAD))?;
         let ratios = near.iter().zip(&gains.each).map(|(known, weight)| weight * (felt.force_n / known.force_n).ln());
         // the common part isn't averaged away
-        let beyond = felt.own(most).hypot(NONLINEAR * ratios.sum::<f64>());
+        let beyond = self.own(felt, most).hypot(NONLINEAR * ratios.sum::<f64>());
         let expected: f64 = near.iter().zip(&gains.each).map(|(known, weight)| weight * known.gain()).sum();
         let mut pattern = vec![0.0; felt.outputs.len()];
         for (known, weight) in near.iter().zip(&patterns.each) {
@@ -279,7 +284,7 @@ mod tests {
     }
 
     fn learned(spacing_mm: f64) -> LearnedOutputs {
-        let mut response = LearnedOutputs::new(Some(4.5));
+        let mut response = LearnedOutputs::new(Some(4.5), 2.0);
         for i in 0..49 {
             let contact = felt(spacing_mm * (f64::from(i % 7) - 3.0), spacing_mm * (f64::from(i / 7) - 3.0), 1.0);
             assert_eq!(response.check(&contact), Ok(()), "{i}");
@@ -308,7 +313,7 @@ mod tests {
 
     #[test]
     fn a_contact_is_compared_with_an_earlier_one_at_its_place() {
-        let (response, before) = (LearnedOutputs::new(Some(4.5)), felt(0.3, -0.7, 1.0));
+        let (response, before) = (LearnedOutputs::new(Some(4.5), 2.0), felt(0.3, -0.7, 1.0));
         let changed = |now: MeasuredContact| response.compare(&before, &now);
         let Changed { gain, pattern } = changed(felt(0.3, -0.7, 1.5)).unwrap();
         assert!((gain.0 - 1.5f64.ln()).abs() < 1e-9 && gain.0 > gain.1 && pattern.0 < 1e-9, "{gain:?} {pattern:?}");
@@ -322,7 +327,7 @@ mod tests {
 
     #[test]
     fn change_during_the_run_does_not_widen_the_limits_of_its_check() {
-        let mut response = LearnedOutputs::new(Some(4.5));
+        let mut response = LearnedOutputs::new(Some(4.5), 2.0);
         for i in 0..15 {
             let gain = if i < 7 { 1.0 } else { 1.0 / 0.7 };
             response.learn(felt(2.0 * f64::from(i % 4) - 3.0, 2.0 * f64::from(i / 4) - 3.0, gain));
@@ -335,7 +340,7 @@ mod tests {
     fn press_without_neighbours_has_no_prediction() {
         let response = learned(0.5);
         assert_eq!(response.check(&felt(20.0, 0.0, 0.5)), Ok(()));
-        assert_eq!(LearnedOutputs::new(None).check(&felt(0.0, 0.0, 2.0)), Ok(()));
+        assert_eq!(LearnedOutputs::new(None, 2.0).check(&felt(0.0, 0.0, 2.0)), Ok(()));
     }
 
     #[test]
@@ -348,7 +353,7 @@ mod tests {
 
     #[test]
     fn a_place_that_was_pressed_before_is_compared_with_its_first_press() {
-        let mut response = LearnedOutputs::new(Some(4.5));
+        let mut response = LearnedOutputs::new(Some(4.5), 2.0);
         for x_mm in [-4.5, 4.5] {
             assert_eq!(response.take(felt(x_mm, 0.0, 1.0)), Ok(()));
         }
@@ -364,7 +369,7 @@ mod tests {
 
     #[test]
     fn presses_at_few_places_predict_nothing_elsewhere() {
-        let mut response = LearnedOutputs::new(Some(10.0));
+        let mut response = LearnedOutputs::new(Some(10.0), 2.0);
         let places = [(-4.0, 0.0), (4.0, 0.0), (0.0, -4.0), (0.0, 4.0), (0.0, 0.0)];
         for (x_mm, y_mm) in places.into_iter().flat_map(|at| [at; 20]) {
             assert_eq!(response.take(felt(x_mm, y_mm, 1.0)), Ok(()));
@@ -376,7 +381,7 @@ mod tests {
     fn outputs_that_a_fault_makes_large_do_not_widen_the_limits_of_its_check() {
         let reference = felt(-3.0, -3.0, 1.0);
         for scale in [1.3, 3.0, 100.0, 1000.0] {
-            let mut response = LearnedOutputs::new(Some(4.5));
+            let mut response = LearnedOutputs::new(Some(4.5), 2.0);
             for i in 0..9 {
                 let gain = if i < 4 { 1.0 } else { scale };
                 response.learn(felt(2.0 * f64::from(i % 3) - 3.0, 2.0 * f64::from(i / 3) - 3.0, gain));
@@ -384,5 +389,15 @@ mod tests {
             let Changed { gain, .. } = response.compare(&reference, &felt(-3.0, -3.0, scale)).unwrap();
             assert!(gain.0 > gain.1, "{scale}: {gain:?}");
         }
+    }
+
+    #[test]
+    fn a_light_press_may_repeat_as_badly_as_one_of_half_the_limit() {
+        let response = LearnedOutputs::new(Some(4.5), 2.0);
+        let light = |gain: f64| MeasuredContact { force_n: 0.2, ..felt(0.0, 0.0, 0.2 * gain) };
+        let Changed { gain, .. } = response.compare(&light(1.0), &light(1.5)).unwrap();
+        assert!(gain.0 < gain.1, "{gain:?}");
+        let Changed { gain, .. } = response.compare(&felt(0.0, 0.0, 1.0), &felt(0.0, 0.0, 1.5)).unwrap();
+        assert!(gain.0 > gain.1, "{gain:?}");
     }
 }

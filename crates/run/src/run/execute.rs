@@ -139,8 +139,10 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
                 rig_control.record(SeriesRecorder::new(plan.series, queue, clock));
             }
             let permit = permit(&rig_control, spec, &reaction);
-            let (map, response) =
-                (ContactMap::new(spec.frame.uncertainty_mm), LearnedOutputs::new(spec.array.layout.pitch_mm()));
+            let (map, response) = (
+                ContactMap::new(spec.frame.uncertainty_mm),
+                LearnedOutputs::new(spec.array.layout.pitch_mm(), spec.limits.force_n),
+            );
             let full_zero_n = rig_control.cell.watch.zero().offset_n;
             let (pressing, standby, felt, zeroed) = (None, None, None, Instant::now());
             let mut runner = Runner {
