@@ -2,7 +2,7 @@
 
 use super::{Failure, sources};
 use clap::ValueEnum;
-use palpate_control::Strategy;
+use palpate_control::{SafetyRule, Strategy};
 use palpate_data::dataset::{Durability, calibration::SolvedQuantity, characteristics::Repeatability, readings};
 use palpate_report::export;
 
@@ -39,6 +39,21 @@ pub(crate) fn quantity(choice: Option<QuantityChoice>) -> SolvedQuantity {
         None => SolvedQuantity::Known,
         Some(QuantityChoice::Force) => SolvedQuantity::Force,
         Some(QuantityChoice::Depth) => SolvedQuantity::Depth,
+    }
+}
+
+/// A safety rule whose alarm a person may call false.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SoundRule {
+    /// The outputs for each newton, or their pattern, differ from those of earlier presses.
+    OutputsDiffer,
+}
+
+impl SoundRule {
+    pub(crate) fn rule(self) -> SafetyRule {
+        match self {
+            SoundRule::OutputsDiffer => SafetyRule::OutputsDiffer,
+        }
     }
 }
 

@@ -33,6 +33,7 @@ pub(crate) fn session(durability: Durability) -> Provenance {
         durability,
         texts: Vec::new(),
         changes: Vec::new(),
+        sound: None,
     }
 }
 

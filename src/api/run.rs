@@ -1,6 +1,6 @@
 //! Runs: begins one, resumes one, and executes its plan.
 
-use super::choices::{DurabilityChoice, EvaluateChoice};
+use super::choices::{DurabilityChoice, EvaluateChoice, SoundRule};
 use super::labels::LabelOptions;
 use super::provenance::{now, session};
 use super::recorded::rig_of;
@@ -11,7 +11,8 @@ use super::which_way::ConfirmOptions;
 use super::{Failure, Note};
 use miette::IntoDiagnostic;
 use palpate_data::dataset::{
-    DatasetError, Provenance, RigChange, RunFacts, RunFolder, SessionEnd, Status, Texts, files,
+    CalledSound, DatasetError, Ledger, Provenance, Record, RigChange, RunFacts, RunFolder, SessionEnd, Status, Texts,
+    files,
 };
 use palpate_data::recipe::{Plan, Recipe, SeriesScope};
 use palpate_document::TEXT_MAX_BYTES;
@@ -53,6 +54,12 @@ pub struct ResumeOptions {
     /// Continue after a safety trip, once you have found its cause
     #[arg(long)]
     pub after_trip: bool,
+    /// Continue after a trip by this rule, because you found the press sound: it is flagged
+    #[arg(long, value_name = "RULE", conflicts_with = "after_trip")]
+    pub sound: Option<SoundRule>,
+    /// With --sound: the rule compares no press from this one on
+    #[arg(long, requires = "sound")]
+    pub from_here: bool,
     /// How the rig is driven and its data are kept.
     #[command(flatten)]
     pub manner: MannerOptions,
@@ -188,7 +195,8 @@ pub(crate) fn resume_with(options: &ResumeOptions, agree: Agree<'_>, note: Note<
     let plan = sources.plan(facts.seed)?;
     options.manner.check(&sources.rig)?;
     let mut folder = RunFolder::open(run, &sources.rig.array.layout).map_err(Failure::dataset)?;
-    if folder.manifest().status == Status::Tripped && !options.after_trip {
+    let sound = options.sound.map(|rule| called_sound(rule, options.from_here, &folder)).transpose()?;
+    if folder.manifest().status == Status::Tripped && !options.after_trip && sound.is_none() {
         let trip = folder.manifest().trip.as_ref().map(|trip| trip.to_string()).unwrap_or_default();
         let help = "find the cause; then add --after-trip";
         return Err(Failure::usage(miette::miette!(help = help, "the run ended with a safety trip: {trip}")));
@@ -206,9 +214,30 @@ pub(crate) fn resume_with(options: &ResumeOptions, agree: Agree<'_>, note: Note<
     for RigChange { key, before, now } in &changes {
         note(&format!("rig: `{key}` is {now} (it was {before} when the run began)"));
     }
-    let session = Provenance { changes, ..session(options.manner.durability.into()) };
+    sound.iter().for_each(|sound| note(&sound.line()));
+    let session = Provenance { changes, sound, ..session(options.manner.durability.into()) };
     folder.go_on(session, &rig_text).map_err(Failure::dataset)?;
     Ok(Resumed::Begun(Box::new(OpenedRun { recipe, rig, plan, folder, pace: options.manner.pace })))
+}
+
+/// Returns what a person calls sound: the press at which the rule ended the run.
+fn called_sound(rule: SoundRule, from_here: bool, folder: &RunFolder) -> Result<CalledSound, Failure> {
+    let mut last = None;
+    let note_trip = &mut |record: &Record| {
+        if let Record::Trip { trip, press, .. } = record {
+            last = press.map(|press| (trip.rule, press));
+        }
+    };
+    folder.recall(note_trip).map_err(Failure::dataset)?;
+    let rule = rule.rule();
+    match (folder.manifest().status, last) {
+        (Status::Tripped, Some((by, press))) if by == rule => Ok(CalledSound { rule, press, from_here }),
+        (status, _) => {
+            let trip = folder.manifest().trip.as_ref().map(|trip| format!(": {trip}")).unwrap_or_default();
+            let text = format!("no press was stopped by {}; the run is {}{trip}", rule.name(), status.name());
+            Err(Failure::usage(miette::miette!(help = "call only sound what that rule stopped", "{text}")))
+        }
+    }
 }
 
 impl RunOptions {

@@ -185,6 +185,7 @@ mod tests {
             test_presses_least: 1,
             holdout: false,
             limits: limits.to_vec(),
+            called_sound: false,
             afterwards_by: None,
         };
         let mut judgement = judge(&rule, &Measured::default());

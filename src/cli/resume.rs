@@ -11,6 +11,7 @@ const EXAMPLES: &str = "\
 Examples:
   palpate resume runs/paper
   palpate resume runs/paper-3 --after-trip
+  palpate resume runs/paper-3 --sound outputs-differ
 
 The devices are identified again, and three places are touched again: the run
 continues only if they haven't moved. An interrupted staircase is repeated

@@ -3,6 +3,7 @@
 use super::tables::{WIDTH, characteristics_table, definitions, evaluation_table, filled};
 use super::verdict::{NO_RULE, verdict_table};
 use crate::api::{Failure, RunResults};
+use palpate_control::SafetyRule;
 use palpate_data::dataset::characteristics::Repeatability;
 use palpate_data::dataset::{DatasetError, JournalError, RunFolder, Status, TABLES};
 use std::fmt::Write as _;
@@ -42,7 +43,9 @@ pub(super) fn ended(folder: &RunFolder, virtual_time: bool, is_full: bool) -> St
             _ = writeln!(text, "no press was recorded: correct the problem and run again")
         }
         (Status::Tripped, _) => {
-            _ = writeln!(text, "to continue: palpate resume {} --after-trip", folder.path().display())
+            let is_comparison = manifest.trip.as_ref().is_some_and(|trip| trip.rule == SafetyRule::OutputsDiffer);
+            let sound = if is_comparison { "\n  or, if the press is sound, --sound outputs-differ" } else { "" };
+            _ = writeln!(text, "to continue: palpate resume {} --after-trip{sound}", folder.path().display())
         }
         _ => _ = writeln!(text, "to continue: palpate resume {}", folder.path().display()),
     }

@@ -2,6 +2,7 @@
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod by_depth;
+mod called_sound;
 mod changed_rig;
 mod checks;
 mod damage;

@@ -89,6 +89,7 @@ fn verdict(
         test_presses_least: 1,
         holdout: false,
         limits: vec![Limit { figure, limit, reach }],
+        called_sound: false,
         afterwards_by: None,
     };
     let measured = Measured {

@@ -440,6 +440,7 @@ mod tests {
             test_presses_least: 2,
             holdout: false,
             limits: limits.iter().map(|&(figure, limit, reach)| Limit { figure, limit, reach }).collect(),
+            called_sound: false,
             afterwards_by: None,
         }
     }

@@ -24,6 +24,8 @@ pub struct AcceptanceRule {
     pub test_presses_least: usize,
     /// Whether presses that were held out of the calibration's own table or run can be the test.
     pub holdout: bool,
+    /// Whether a run with presses that a person called sound gets a verdict.
+    pub called_sound: bool,
     /// The limits, at least one, in the order of [`LimitedFigure::ALL`].
     pub limits: Vec<Limit>,
     /// File that gave the rule after the run; `None` if the run's own recipe gave it.

@@ -43,6 +43,7 @@ impl Evidence<'_> {
             (Err(why), None) => Err(why.text()),
         };
         let mut measured = self.measured(trial.as_ref().ok(), evaluated.as_ref().ok());
+        measured.doubtful = self.doubtful(rule.called_sound);
         measured.worst = self.worst(rule);
         let judgement = judge(rule, &measured);
         match evaluated {
@@ -57,7 +58,6 @@ impl Evidence<'_> {
     fn measured(&self, trial: Option<&Trial<'_>>, evaluation: Option<&Evaluation>) -> Measured {
         let mut measured = trial.map(Trial::counted).unwrap_or_else(|| self.counted());
         measured.incomplete = self.incomplete();
-        measured.doubtful = self.doubtful();
         measured.without_load_cell = self.runs.iter().any(|run| run.manifest.facts.without_load_cell);
         let confirmed = self.runs.iter().filter_map(|run| run.manifest.facts.confirmed_within_mm);
         measured.confirmed_within_mm = confirmed.reduce(f64::max);
@@ -116,10 +116,15 @@ impl Evidence<'_> {
         Some(format!("{name} is {}: {presses_done} of {} presses", status.name(), facts.presses_planned))
     }
 
-    /// Returns a message about a check that failed. The presses before it may be wrong.
-    fn doubtful(&self) -> Option<String> {
-        let failed = |run: &&Recorded| Some(format!("{}: {}", run.name(), run.manifest.check_failed.as_ref()?));
-        self.runs.iter().find_map(failed)
+    /// Returns a message about a check that failed, or about a press that a person called sound unless that is accepted. The presses
+    /// before may be wrong.
+    fn doubtful(&self, accepts_called_sound: bool) -> Option<String> {
+        let doubt = |run: &&Recorded| {
+            let manifest = &run.manifest;
+            let called_sound = manifest.called_sound.as_ref().filter(|_| !accepts_called_sound);
+            Some(format!("{}: {}", run.name(), manifest.check_failed.as_ref().or(called_sound)?))
+        };
+        self.runs.iter().find_map(doubt)
     }
 
     /// Returns the noisiest channel without load. The noise is the difference between the readings without load before successive presses

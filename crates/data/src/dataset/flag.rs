@@ -14,13 +14,16 @@ pub enum Flag {
     Stale,
     /// Readings of the array or of a monitor were missed, each time that the press was made.
     Missed,
+    /// A safety rule stopped the press, and a person called it sound.
+    CalledSound,
     /// An external table flags the row with its own word.
     Other,
 }
 
 impl Flag {
     /// Every flag.
-    pub const ALL: [Flag; 5] = [Flag::OutOfTolerance, Flag::Saturated, Flag::Stale, Flag::Missed, Flag::Other];
+    pub const ALL: [Flag; 6] =
+        [Flag::OutOfTolerance, Flag::Saturated, Flag::Stale, Flag::Missed, Flag::CalledSound, Flag::Other];
 
     /// Returns the name of the flag in files.
     pub fn name(self) -> &'static str {
@@ -29,6 +32,7 @@ impl Flag {
             Flag::Saturated => "saturated",
             Flag::Stale => "stale",
             Flag::Missed => "missed",
+            Flag::CalledSound => "called-sound",
             Flag::Other => "other",
         }
     }

@@ -30,6 +30,9 @@ pub struct Manifest {
     /// First check that failed, in one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub check_failed: Option<String>,
+    /// First statement of a person that a press is sound which a safety rule stopped, in one line.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub called_sound: Option<String>,
     /// Number of flagged rows.
     pub rows_flagged: u64,
     /// Time in the run, s. In a simulated run it is the time of the simulation.
@@ -80,6 +83,7 @@ impl Manifest {
                 // the result of the session before doesn't count any more
                 (self.status, self.ended, self.trip, self.failure) = (Status::Stopped, None, None, None);
                 self.files.clear();
+                self.called_sound = self.called_sound.take().or_else(|| session.sound.map(|sound| sound.line()));
                 self.sessions.push(session.clone());
             }
             Record::Devices(devices) => self.devices = devices.iter().cloned().map(Identity::shown).collect(),
@@ -115,6 +119,11 @@ impl Manifest {
             Record::Missed(reading) => self.missed.add(reading),
             Record::Text(_) | Record::Zero { .. } | Record::Retouch(_) | Record::Surface(_) => {}
         }
+    }
+
+    /// Returns what makes the run doubtful: the first check that failed, and what a person called sound.
+    pub fn doubts(&self) -> impl Iterator<Item = &String> {
+        self.check_failed.iter().chain(&self.called_sound)
     }
 
     /// Returns the text files that the run used last.

@@ -97,8 +97,8 @@ pub use series::{
 #[cfg(feature = "files")]
 pub use series::{RecordedSeries, SeriesBatch};
 pub use session::{
-    Durability, FORMAT, Imported, LABEL_MOST, Labels, Loss, Provenance, RecordedText, RigChange, RunFacts, SessionEnd,
-    Status, is_label,
+    CalledSound, Durability, FORMAT, Imported, LABEL_MOST, Labels, Loss, Provenance, RecordedText, RigChange, RunFacts,
+    SessionEnd, Status, is_label,
 };
 pub use stated::doubted_half_widths;
 pub use table::{parse_table, read_table};

@@ -135,8 +135,7 @@ impl Recorded {
     /// A file can't be read.
     pub fn warnings(&self) -> Result<Vec<String>, DatasetError> {
         let path = self.path.display();
-        let mut warnings: Vec<String> =
-            self.manifest.check_failed.iter().map(|failed| format!("{path}: {failed}")).collect();
+        let mut warnings: Vec<String> = self.manifest.doubts().map(|doubt| format!("{path}: {doubt}")).collect();
         if let Some(problem) = self.has_ended.then(|| self.table_problem(PRESSES)).transpose()?.flatten() {
             warnings.push(format!(
                 "{path}: {PRESSES} {problem}; the journal was read (`palpate rebuild` regenerates the table)"

@@ -2,7 +2,7 @@
 
 use super::{Fingerprint, RunColumns, SeriesMark};
 use crate::recipe::Plan;
-use palpate_control::{Glitches, Strategy};
+use palpate_control::{Glitches, SafetyRule, Strategy};
 use palpate_core::quantity::shown;
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -230,6 +230,33 @@ pub struct Provenance {
     /// The keys of the rig that differ from those with which the run began.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub changes: Vec<RigChange>,
+    /// What a person called sound, after a safety rule had ended the session before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sound: Option<CalledSound>,
+}
+
+/// A press that a safety rule stopped, and that a person calls sound.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CalledSound {
+    /// The rule.
+    pub rule: SafetyRule,
+    /// Number of the press in the plan.
+    pub press: u64,
+    /// Whether the rule compares no press from this one on.
+    pub from_here: bool,
+}
+
+impl CalledSound {
+    /// Whether a trip by a rule at a press of this or a later session is ignored.
+    pub fn covers(&self, rule: SafetyRule, press: u64) -> bool {
+        rule == self.rule && (self.from_here || press == self.press)
+    }
+
+    /// Returns the statement in one line.
+    pub fn line(&self) -> String {
+        let from_here = if self.from_here { ", and all later ones" } else { "" };
+        format!("a person called press {}{from_here} sound, which {} had stopped", self.press, self.rule.name())
+    }
 }
 
 /// A key of the rig that changed between two sessions.

@@ -37,6 +37,8 @@ keys! {
             "smallest number of test presses, without flagged ones", "100";
         holdout: Flag, or_flag(false),
             "whether test presses that were held out of the calibration's own presses give a verdict", "true";
+        called_sound: Flag, or_flag(false),
+            "whether a run gets a verdict in which a person called presses sound that a safety rule had stopped", "true";
         location_mean_mm: Number(LENGTH), Allowed, "limit of the mean location error", "1.0";
         location_p95_mm: Number(LENGTH), Allowed, "limit of the 95th percentile of the location errors", "2.0";
         location_within: Table(&location_within::KEYS), Allowed, "limit of the share of presses with a small location error";
@@ -106,7 +108,7 @@ pub(super) fn read_rule(table: &Table) -> Option<AcceptanceRule> {
     let (calibration, test) = (least(&accept::calibration_presses_least), least(&accept::test_presses_least));
     // a wrong limit has been reported; the others are read all the same
     let limits: Vec<Limit> = LimitedFigure::ALL.into_iter().filter_map(|figure| limit(table, figure)).collect();
-    let holdout = table.flag(&accept::holdout);
+    let (holdout, called_sound) = (table.flag(&accept::holdout), table.flag(&accept::called_sound));
     let (known, keys) = (accept::KEYS.always, || LimitedFigure::ALL.map(LimitedFigure::key));
     if !known.iter().any(|key| keys().contains(&key.name) && table.has(key)) {
         let help = format!("add one of {}", keys().join(", "));
@@ -119,6 +121,7 @@ pub(super) fn read_rule(table: &Table) -> Option<AcceptanceRule> {
         test_presses_least: test?,
         holdout: holdout?,
         limits,
+        called_sound: called_sound?,
         afterwards_by: None,
     })
 }

@@ -18,7 +18,8 @@ use palpate_control::{
 };
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{
-    Ledger, Left, NoLoad, Peaks, PressTruth, Record, RecordedCheck, RecordedContact, Retouch, SessionEnd, Status,
+    CalledSound, Flag, Ledger, Left, NoLoad, Peaks, PressTruth, Record, RecordedCheck, RecordedContact, Retouch,
+    SessionEnd, Status,
 };
 use palpate_data::recipe::{Entry, Plan};
 use palpate_link::device::Identity;
@@ -155,6 +156,7 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
                 map,
                 drag_responses: DragResponses::default(),
                 response,
+                called_sound: Vec::new(),
                 reaction,
                 conditions,
                 pressing,
@@ -313,6 +315,8 @@ pub(super) struct Runner<'a> {
     pub felt: Option<((Place, SetPoint), Vec<f64>)>,
     /// Checks so far, and what they are compared with.
     pub checks: Checking,
+    /// What a person called sound.
+    pub called_sound: Vec<CalledSound>,
 }
 
 impl Runner<'_> {
@@ -326,7 +330,7 @@ impl Runner<'_> {
         let first = left.front().map(|first| first.place);
         let Some(first) = first.or_else(|| past.checks.closing_place(self.plan)) else { return Ok(()) };
         self.touch_again(&past, first).await?;
-        (self.map, self.checks) = (past.map, past.checks);
+        (self.map, self.checks, self.called_sound) = (past.map, past.checks, past.called_sound);
         past.felt.into_iter().for_each(|felt| self.response.learn(self.with_noise(felt)));
         let mut owed_s = 0.0;
         if let Some((last, how)) = past.last {
@@ -347,6 +351,19 @@ impl Runner<'_> {
         if self.map.is_touched() { spec.clear_mm() } else { spec.top_mm() }
     }
 
+    /// Compares what the array felt with earlier presses. A contact that a person called sound is flagged instead of stopped.
+    fn compare(&mut self, felt: MeasuredContact, contact: &mut RecordedContact) -> Result<(), Halt> {
+        if let Err(trip) = self.response.check(&felt) {
+            let covering = self.called_sound.iter().find(|sound| sound.covers(trip.rule, contact.press));
+            let Some(sound) = covering else { return Err(trip.into()) };
+            if !sound.from_here {
+                contact.levels.iter_mut().for_each(|level| level.flags.push(Flag::CalledSound));
+            }
+        }
+        self.response.learn(felt);
+        Ok(())
+    }
+
     async fn presses(&mut self, mut left: VecDeque<&Entry>) -> Result<(), Halt> {
         while let Some(entry) = left.pop_front() {
             self.await_monitors(entry.place).await?;
@@ -357,7 +374,7 @@ impl Runner<'_> {
             let mut contact = self.press_again_if_missed(entry, next).await?;
             contact.series = self.rig_control.series.as_ref().map(|series| series.end()).transpose()?;
             if let Some((felt, _)) = felt(&contact) {
-                self.response.take(self.with_noise(felt))?;
+                self.compare(self.with_noise(felt), &mut contact)?;
             }
             contact.learned_contact.iter().for_each(|learned_contact| self.map.learn(learned_contact));
             let drifted_n = contact.no_load_after.force.mean_n - self.full_zero_n;

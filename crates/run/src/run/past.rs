@@ -4,7 +4,9 @@ use super::checks::Checking;
 use super::execute::Standby;
 use palpate_control::{ContactMap, LearnedContact, MeasuredContact, SetPoint};
 use palpate_core::quantity::Place;
-use palpate_data::dataset::{self, DatasetError, Flag, Ledger, Left, Record, RecordedContact, RecordedSurface};
+use palpate_data::dataset::{
+    self, CalledSound, DatasetError, Flag, Ledger, Left, Record, RecordedContact, RecordedSurface,
+};
 use palpate_data::recipe::Plan;
 use palpate_link::device::{DeviceError, DeviceProblem, Identity};
 
@@ -27,6 +29,8 @@ pub(super) struct Past {
     pub felt: Vec<MeasuredContact>,
     /// Checks so far, and what they are compared with.
     pub checks: Checking,
+    /// What a person called sound.
+    pub called_sound: Vec<CalledSound>,
     /// Surfaces that were found without a load cell.
     pub surfaces: Vec<RecordedSurface>,
     /// Places that were touched.
@@ -58,6 +62,7 @@ impl Past {
             devices: Vec::new(),
             felt: Vec::new(),
             checks: Checking::of(plan),
+            called_sound: Vec::new(),
             surfaces: Vec::new(),
             known: Vec::new(),
         };
@@ -89,6 +94,7 @@ impl Past {
     fn take_in(&mut self, record: &Record) {
         self.elapsed_s = record.t_s().map_or(self.elapsed_s, |t_s| self.elapsed_s.max(t_s));
         match record {
+            Record::Session(session) => self.called_sound.extend(session.sound),
             Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(*offset_n),
             Record::Surface(surface) if self.surfaces.len() < KNOWN_MAX => self.surfaces.push(*surface),
             Record::Devices(devices) => self.devices.clone_from(devices),

@@ -134,6 +134,7 @@ fn by_rule(decision: Decision, limit_mm: f64, solver: &dyn Solver, test: &KnownR
         test_presses_least: 1,
         holdout: false,
         limits: vec![Limit { figure: LimitedFigure::LocationMean, limit: limit_mm, reach: None }],
+        called_sound: false,
         afterwards_by: None,
     };
     let measured = Measured {
