@@ -2,14 +2,18 @@
 //!
 //! The full tier makes one calibration of 121 presses; `PALPATE_TESTS=3` makes three of 625 with different seeds.
 
+use palpate_control::Strategy;
 use palpate_core::quantity::{Axis, WeightCheck};
 use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{
     Cancel, ForceCheck, KnownWeight, LoadCellVerdict, Weighing, WeightMeasurement, examine, judged,
 };
+use palpate_sim::scene::{FaultKind, SceneFault};
 use palpate_testing::campaign;
-use palpate_testing::executions::{bench, bench_recipe, benches, end_of, executed, in_parallel, plan, run_virtually};
+use palpate_testing::executions::{
+    BENCHES, bench, bench_recipe, benches, end_of, executed, in_parallel, must_be_none, plan, run_virtually,
+};
 
 const WEIGHT_N: f64 = 0.5;
 
@@ -138,4 +142,37 @@ fn wrong_gain_is_found_with_a_check_weight() {
             }
         }
     }
+}
+
+/// Nine places, each of which is new.
+const NINE: &str = "name = \"nine\"\n[press]\nforce_tolerance_n = 0.05\nhold_s = 0.0\nsample_s = 0.05\n[[step]]\nphase = \"calibration\"\n\
+    grid = { x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], spacing_mm = 4.0 }\nforce_n = 1.6\n";
+
+/// Largest ratio of the true force to the set one, while fewer than ten places were pressed.
+const OVER_BEFORE_TEN: f64 = 1.25;
+
+#[test]
+fn gain_that_falls_before_ten_places_keeps_the_force_near_the_set_one() {
+    let strategies = Strategy::ALL.into_iter().flat_map(|strategy| BENCHES.map(|(bench, _)| (strategy, bench)));
+    let cases: Vec<(Strategy, &str, f64, usize)> = strategies
+        .flat_map(|(strategy, name)| [0.1, 0.3, 0.48, 0.65, 0.8].map(|gain| (strategy, name, gain)))
+        .flat_map(|(strategy, name, gain)| (1..9).map(move |fell| (strategy, name, gain, fell)))
+        .step_by(campaign::every(11, 1))
+        .collect();
+    let ends = in_parallel(&cases, |&(strategy, name, gain, fell)| {
+        let mut spec = bench(name);
+        let plan =
+            plan(&spec, &NINE.replace("[press]\n", &format!("[press]\nstrategy = \"{}\"\n", strategy.name())), 3);
+        let sound = executed(&spec, &plan);
+        assert!(sound.ending.text().is_none(), "{:?}", sound.ending.text());
+        let times_s: Vec<f64> = sound.ledger.contacts().filter_map(|contact| contact.levels[0].t_s).collect();
+        let from_s = (times_s[fell - 1] + times_s[fell]) / 2.0;
+        spec.scene.faults.push(SceneFault { kind: FaultKind::LostGain, from_s, value: Some(gain) });
+        let run = executed(&spec, &plan);
+        let (over, text) = (run.truth.force_n / 1.6, run.ending.text());
+        println!("{}, {name}, gain {gain} from press {fell}: {over:.2} x, {text:?}", strategy.name());
+        let is_kept = over <= OVER_BEFORE_TEN && (text.is_some() || 1.0 / gain <= OVER_BEFORE_TEN);
+        (!is_kept).then(|| format!("{}, {name}, gain {gain} from press {fell}: {over:.2} x, {text:?}", strategy.name()))
+    });
+    must_be_none(&ends.into_iter().flatten().collect::<Vec<String>>());
 }

@@ -95,7 +95,11 @@ fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> MachineDraw {
         zero_age_s: 0.0,
         expected,
         shot,
-        softest: Softest { declared_n_mm: None, learned_curve: map.learned_curve(place) },
+        softest: Softest {
+            declared_n_mm: None,
+            learned_curve: map.learned_curve(place),
+            doubted: map.doubted(place, task.most_n()),
+        },
         clear_mm: expected.first_mm - rng.random_range(0.05..0.5),
         approach_mm_s: 2.0,
         speed_mm_s: 10f64.powf(rng.random_range(-1.0..1.4)),
@@ -375,7 +379,7 @@ fn drive_plausibly(seed: u64) -> (u64, MachineDriven) {
                 output.z_mm = at_mm + off.random_range(-0.5..0.5) * steps_of_z.along(Axis::Z);
                 LoopEvent::Moved { z_mm: output.z_mm }
             }
-            LoopCommand::Done | LoopCommand::Trip(_) => {
+            LoopCommand::Done | LoopCommand::Doubt(_) | LoopCommand::Trip(_) => {
                 return (steps, MachineDriven { seed, end: command, over_mm: deepest, broken });
             }
         };
@@ -459,7 +463,7 @@ fn drive_with_garbage(seed: u64) -> (u64, MachineDraw, MachineTranscript, Vec<&'
                 };
                 LoopEvent::Moved { z_mm: output.z_mm }
             }
-            LoopCommand::Done | LoopCommand::Trip(_) => return (steps, draw, output, broken),
+            LoopCommand::Done | LoopCommand::Doubt(_) | LoopCommand::Trip(_) => return (steps, draw, output, broken),
         };
         before = Some(command);
         if rng.random_bool(0.005) {

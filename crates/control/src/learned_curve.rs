@@ -83,6 +83,20 @@ impl Sunk {
     }
 }
 
+/// Softness of an earlier press.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownSoftness {
+    shape: CurveShape,
+    softness: f64,
+}
+
+impl KnownSoftness {
+    /// Depth of a force with this softness, mm.
+    pub(crate) fn depth_mm(&self, force_n: f64) -> f64 {
+        self.softness * self.shape.depth_mm(force_n)
+    }
+}
+
 /// Information from the presses around a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LearnedCurve {
@@ -133,6 +147,18 @@ impl Rises {
     /// First rise at a place.
     fn at(&self, place: Place) -> Option<&Rise> {
         self.all.iter().find(|(at, _)| at.distance_mm(place) < SAME_MM).map(|(_, rise)| rise)
+    }
+
+    /// Returns the first press at a place, or else the stiffest of the nearest ones; `None` before the first press, and where the places
+    /// around predict the force.
+    pub(crate) fn doubted(&self, place: Place, shape: Option<CurveShape>) -> Option<KnownSoftness> {
+        let (shape, near, here) = (shape?, nearest_of(&self.all, place), self.at(place));
+        if self.all.len() >= LEARNED && self.predicted(&near, here, place, shape).is_some() {
+            return None;
+        }
+        let stiffest = near.iter().map(|(_, rise)| rise.softness(shape)).fold(f64::INFINITY, f64::min);
+        let softness = here.map_or(stiffest, |here| here.softness(shape));
+        (softness.is_finite() && softness > 0.0).then_some(KnownSoftness { shape, softness })
     }
 
     /// Returns the information from the presses around a place; `None` if there are too few. `most_n` is the largest force

@@ -38,7 +38,7 @@ pub use believed::{Belief, Believed, Glitches, without_glitches};
 pub use budget::{Averaged, UncertaintyBudget};
 pub use drag::{Drag, DragContext, DragLimits, DragResponses, DragStart, DragWatch, PermittedDrag, check_direction};
 pub use drift::{Drift, ZeroLine};
-pub use learned_curve::{LearnedCurve, Sunk};
+pub use learned_curve::{KnownSoftness, LearnedCurve, Sunk};
 pub use mains::MainsInterference;
 pub use map::{ContactMap, LearnedContact, Shot};
 pub use mean::{Mean, mean_of};

@@ -1,7 +1,7 @@
 //! Knowledge from earlier presses: the surface, the curve, and how much deeper each press went.
 
 use super::curve::{Curve, CurveShape};
-use super::learned_curve::{LearnedCurve, Rise, Rises, Sunk};
+use super::learned_curve::{KnownSoftness, LearnedCurve, Rise, Rises, Sunk};
 use super::neighbours::nearest;
 use super::plane::BayesianPlane;
 use super::surface::{Expected, SurfaceMap};
@@ -201,6 +201,15 @@ impl ContactMap {
     /// Returns how deep the presses around a place went for their force; `None` if there are too few.
     pub fn learned_curve(&self, place: Place) -> Option<LearnedCurve> {
         self.rises.around(place, self.curve.shape(), BEYOND * self.curve.most_n())
+    }
+
+    /// Returns the press by which a force at a place is doubted that needs a much larger depth; `None` beyond the learned forces, before the
+    /// first press, and where the places around predict the force.
+    pub fn doubted(&self, place: Place, force_set_n: f64) -> Option<KnownSoftness> {
+        if force_set_n > BEYOND * self.curve.most_n() {
+            return None;
+        }
+        self.rises.doubted(place, self.curve.shape())
     }
 
     /// Compares two presses at a place, each by its force, N, and its depth, mm. `None` before the first press, or if one of them

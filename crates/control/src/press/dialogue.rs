@@ -64,6 +64,9 @@ pub enum LoopCommand {
     LeaveContact(Permitted),
     /// The contact is over.
     Done,
+    /// The press is so much softer than those so far that the load cell must first show that it measures the force. Otherwise this rule
+    /// is broken.
+    Doubt(Trip),
     /// A rule is broken: stop, retract, record.
     Trip(Trip),
 }

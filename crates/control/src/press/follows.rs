@@ -41,14 +41,15 @@ impl ForceLoop {
         let (shown_mm, shown_n) = self.shown;
         let room_n = (UNPROVEN * limits.force_n - shown_n).max(0.0);
         let by_travel = shown_mm + room_n / limits.stiffness_n_mm;
-        match self.context.softest.learned_curve {
+        let deepest_mm = match self.context.softest.learned_curve {
             Some(learned_curve) => {
                 let Expected { z_mm, first_mm, .. } = self.context.expected;
                 let safe_mm = (z_mm + first_mm) / 2.0 + learned_curve.safe_mm(limits.force_n);
                 by_travel.max(safe_mm).min(self.neighbours_mm())
             }
             None => by_travel,
-        }
+        };
+        deepest_mm.min(self.doubted_mm())
     }
 
     /// Deepest z by the presses around, mm: there the force would exceed the limit.
@@ -65,6 +66,11 @@ impl ForceLoop {
         self.in_contact && self.neighbours_mm() <= self.most_mm()
     }
 
+    /// Whether nothing but a doubt about the force allows no deeper motion.
+    pub(super) fn is_doubted(&self) -> bool {
+        self.in_contact && self.doubted_mm() <= self.most_mm()
+    }
+
     /// Time that the stage must rest before it moves to `wanted_mm`, s, so that the cell shows that it follows; `None` if it has
     /// shown that here, or needn't.
     ///
@@ -75,7 +81,7 @@ impl ForceLoop {
         // the permit keeps this reserve
         let reachable_mm = self.in_steps_mm(self.most_mm() - self.context.permit.reserve_mm());
         let needs = self.in_contact && !is_shown && wanted_mm > reachable_mm;
-        if !needs || self.is_bounded_by_neighbours() {
+        if !needs || self.is_bounded_by_neighbours() || self.is_doubted() {
             return Ok(None);
         }
         match self.rested {

@@ -286,6 +286,9 @@ impl ForceLoop {
             if missing <= tolerance {
                 return self.reached();
             }
+            if self.is_doubted() {
+                return Ok(LoopCommand::Doubt(Trip::new(SafetyRule::SofterThanTaught, measured, limit, unit)));
+            }
             let rule =
                 if self.is_bounded_by_neighbours() { SafetyRule::SofterThanTaught } else { SafetyRule::OutOfReach };
             return Err(Trip::new(rule, measured, limit, unit));

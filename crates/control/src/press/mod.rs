@@ -149,7 +149,7 @@ impl ForceLoop {
             Some(trip) => LoopCommand::Trip(trip),
             None => self.answer(event).unwrap_or_else(LoopCommand::Trip),
         };
-        if matches!(command, LoopCommand::Done | LoopCommand::Trip(_)) {
+        if matches!(command, LoopCommand::Done | LoopCommand::Doubt(_) | LoopCommand::Trip(_)) {
             self.state = PressState::Over; // no further motion
         }
         command

@@ -4,7 +4,8 @@
 use super::guarded::RESPONSE_SHARE;
 use super::state::{ForceLoop, TELL_SIGMAS};
 use super::{SafetyRule, Trip};
-use crate::learned_curve::{LearnedCurve, WAY_MM};
+use crate::learned_curve::{KnownSoftness, LearnedCurve, WAY_MM};
+use crate::task::PressLevel;
 
 /// Fraction of the declared least stiffness below which a press counts as too soft. The force relaxes while it is reached.
 const DECLARED_SHARE: f64 = 0.9;
@@ -20,7 +21,14 @@ pub struct Softest {
     pub declared_n_mm: Option<f64>,
     /// Information from the presses around; `None` if there are too few.
     pub learned_curve: Option<LearnedCurve>,
+    /// Stiffness of an earlier press, beyond which the force is doubted; `None` if the places around predict it, or if the load cell has
+    /// just shown that it measures the force.
+    pub doubted: Option<KnownSoftness>,
 }
+
+/// Ratio of the force by the stiffest press so far to the set force at which a force is doubted. Places of sound specimens differ by less,
+/// except at free edges, and there a doubt costs two seconds.
+const DOUBTED: f64 = 1.13;
 
 impl ForceLoop {
     /// Whether this is the first press of a specimen whose least stiffness is declared. Such a press goes in steps, with any
@@ -73,6 +81,19 @@ impl ForceLoop {
             return Err(Trip::new(SafetyRule::SofterThanTaught, rose_n / way_mm, rose_n / longest_mm, "N/mm"));
         }
         Ok(())
+    }
+
+    /// Deepest z of the first level, mm, before the force is doubted.
+    pub(super) fn doubted_mm(&self) -> f64 {
+        let is_force = |level: PressLevel| level.set.force_n().is_some();
+        let is_first = self.level == self.first_loaded() && self.level().is_some_and(|(_, level)| is_force(level));
+        // a gain that is wrong doesn't change where the force is zero
+        match (self.context.softest.doubted, self.touched_mm()) {
+            (Some(known), Some(touched_mm)) if is_first => {
+                touched_mm + known.depth_mm(DOUBTED * self.level_n()) + self.read_back_mm()
+            }
+            _ => f64::INFINITY,
+        }
     }
 
     /// Checks at the end of the first level that the force didn't rise within a shorter distance than the presses around need.

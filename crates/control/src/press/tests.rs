@@ -37,6 +37,8 @@ struct PressBench {
     no_load: NoLoadReadings,
     place: Place,
     least_n_mm: Option<f64>,
+    /// Whether a force may be doubted.
+    doubts: bool,
     /// Time constant of the load cell's filter, s.
     lag_s: f64,
     /// Step to which the stage rounds its targets, mm; 0: none.
@@ -62,6 +64,7 @@ fn bench(levels: Arc<[PressLevel]>, surface_mm: f64) -> PressBench {
         no_load,
         place,
         least_n_mm,
+        doubts: false,
         lag_s,
         step_mm,
         creep_mm_s,
@@ -88,7 +91,11 @@ impl PressBench {
             zero_age_s: 0.0,
             expected: self.map.expect(self.place),
             shot: self.map.shot(self.place, force_set_n, &self.limits),
-            softest: Softest { declared_n_mm: self.least_n_mm, learned_curve: self.map.learned_curve(self.place) },
+            softest: Softest {
+                declared_n_mm: self.least_n_mm,
+                learned_curve: self.map.learned_curve(self.place),
+                doubted: self.map.doubted(self.place, force_set_n).filter(|_| self.doubts),
+            },
             clear_mm: -0.5,
             approach_mm_s: 2.0,
             speed_mm_s: 10.0,
@@ -488,6 +495,35 @@ fn press_half_as_stiff_as_neighbours_is_found_with_every_strategy() {
         let again = PressBench { place: Place::default(), ..between };
         assert_eq!(again.rule(softer(0.65)).0, SafetyRule::SofterThanTaught, "{strategy:?}");
         assert_eq!(again.execute(softer(0.9)).1.end, LoopCommand::Done, "{strategy:?}");
+    }
+}
+
+#[test]
+fn press_that_is_softer_than_the_first_ones_is_doubted_before_its_force_is_a_quarter_over() {
+    let map = |touches: usize| {
+        let mut map = ContactMap::new(0.3);
+        let path: Vec<(f64, f64)> = (1..=8).map(|i| 0.1 * f64::from(i)).map(|s| (s, force_at(s))).collect();
+        (0..touches).for_each(|i| {
+            map.learn(&LearnedContact::Touch {
+                place: Place::new(f64::from(i as u32) - 6.0, 4.0),
+                z_mm: 0.0,
+                path: path.clone(),
+            });
+        });
+        map
+    };
+    for strategy in Strategy::ALL {
+        for (touches, gain, doubts) in [(1, 0.5, true), (3, 0.7, true), (3, 0.9, false), (0, 0.5, false)] {
+            let bench = PressBench { strategy, doubts: true, map: map(touches), ..bench(PressTask::press(1.0), 0.0) };
+            let (_, execute) = bench.execute(|depth_mm| gain * force_at(depth_mm));
+            let is_doubted =
+                matches!(&execute.end, LoopCommand::Doubt(trip) if trip.rule == SafetyRule::SofterThanTaught);
+            assert_eq!(is_doubted, doubts, "{strategy:?}, {touches}, {gain}: {:?}", execute.end);
+            assert!(!doubts || force_at(execute.deepest_mm) < 1.25, "{strategy:?}: {} N", force_at(execute.deepest_mm));
+            // the load cell has shown that it measures the force
+            let shown = PressBench { doubts: false, ..bench };
+            assert!(!matches!(shown.execute(|depth_mm| gain * force_at(depth_mm)).1.end, LoopCommand::Doubt(_)));
+        }
     }
 }
 

@@ -11,6 +11,8 @@ use palpate_data::recipe::{Checks, Entry, Phase, Plan};
 
 /// Number of the first check, for random values. It is far above the numbers of planned contacts.
 const CHECKED: u64 = 1 << 61;
+/// The same of the press that shows the force before the first press.
+const SHOWN: u64 = 1 << 60;
 
 /// Largest number of calibration or test presses between two checks, and largest time of them, s.
 const PRESSES_MOST: u64 = 100;
@@ -45,6 +47,14 @@ pub(super) struct Since {
     seconds: f64,
     /// Time of the last contact, s since the run's start.
     before_s: Option<f64>,
+}
+
+/// Repetition of the press with which the checks are compared, with half its force.
+pub(super) struct HalfPress {
+    pub entry: Entry,
+    /// What was felt before, and the depth, mm.
+    pub before: MeasuredContact,
+    pub before_mm: f64,
 }
 
 /// Press with which the checks are compared.
@@ -185,6 +195,16 @@ impl Checking {
         Some(again(entry, self.made, *set))
     }
 
+    /// Returns the repetition of the reference with half its force that comes before a press of the plan; `None` before there is a
+    /// reference with a force.
+    pub(super) fn half(&self, plan: &Plan, before: u64) -> Option<HalfPress> {
+        let reference = self.reference.as_ref()?;
+        let entry = plan.entries.iter().find(|entry| entry.press == reference.press)?;
+        let half = SetPoint::Force(reference.set.force_n()? / 2.0);
+        let entry = Entry { press: SHOWN + before, ..again(entry, 0, half) };
+        Some(HalfPress { entry, before: reference.felt.clone(), before_mm: reference.depth_mm? })
+    }
+
     /// Returns the check that is due before the `next` entry of a plan.
     fn due(&self, plan: &Plan, next: &Entry) -> Option<Entry> {
         if plan.checks != Checks::Between || !self.since.is_enough() {
@@ -236,7 +256,11 @@ impl Runner<'_> {
         // the press before ended in the clear above its place or the next one; here the surface may be higher
         self.rig_control.retract(self.park_mm()).await?;
         self.standby = None;
-        let mut contact = self.again_if_missed(async |runner: &mut Runner<'_>| runner.press(entry, next).await).await?;
+        // a change is what the check measures
+        self.force_is_shown = true;
+        let made = self.again_if_missed(async |runner: &mut Runner<'_>| runner.press(entry, next).await).await;
+        self.force_is_shown = false;
+        let mut contact = made?;
         let number = self.checks.made;
         contact.press = number;
         contact.levels.iter_mut().for_each(|level| level.press = number);

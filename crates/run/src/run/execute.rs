@@ -157,6 +157,8 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
                 drag_responses: DragResponses::default(),
                 response,
                 called_sound: Vec::new(),
+                doubt: None,
+                force_is_shown: false,
                 reaction,
                 conditions,
                 pressing,
@@ -317,6 +319,10 @@ pub(super) struct Runner<'a> {
     pub checks: Checking,
     /// What a person called sound.
     pub called_sound: Vec<CalledSound>,
+    /// Doubt about the force of the press under way.
+    pub doubt: Option<Trip>,
+    /// Whether the load cell has just shown that it measures the force, or is about to.
+    pub force_is_shown: bool,
 }
 
 impl Runner<'_> {

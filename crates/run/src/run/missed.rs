@@ -54,7 +54,8 @@ impl<'a> Runner<'a> {
                 done => return done,
             };
             let (t_s, press, why) = (self.conditions.clock.now_s(), self.pressing, missed.to_string());
-            self.leave_after_miss().await?;
+            self.rig_control.array_answers = false;
+            self.leave_unfinished().await?;
             self.ledger.record(&Record::Missed(MissedReading { t_s, press, why }))?;
             if retries == RETRIES_MOST || !self.rig_control.are_back(&mut self.monitors).await? {
                 return Err(Halt::Missed(missed));
@@ -114,13 +115,11 @@ impl<'a> Runner<'a> {
         self.plan.on_miss == OnMiss::Flag && self.flagged < FLAGGED_MOST
     }
 
-    /// Leaves a contact with an array that is silent, as a press does: the force is watched, and z goes to the clear. The array isn't asked
-    /// before.
-    async fn leave_after_miss(&mut self) -> Result<(), Halt> {
+    /// Leaves a contact before its press has ended: the force is watched, and z goes to the clear. The array isn't asked before.
+    pub(super) async fn leave_unfinished(&mut self) -> Result<(), Halt> {
         self.standby = None;
         let park_mm = self.park_mm();
         let rig_control = &mut self.rig_control;
-        rig_control.array_answers = false;
         rig_control.cell.watch.pause();
         rig_control.watch_z().await?;
         rig_control.stage.guard(None).await?;

@@ -12,6 +12,7 @@ mod causes;
 mod check_weight;
 mod checks;
 mod clock;
+mod doubt;
 mod drag;
 mod examine;
 mod execute;

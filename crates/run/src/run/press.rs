@@ -49,6 +49,12 @@ impl Pressed {
         let window = &self.levels.first()?.window;
         Some(MeasuredContact { place, force_n: window.force_n, outputs: window.outputs.clone(), sigmas: [0.0; 2] })
     }
+
+    /// Returns the force of the first level, N, and its depth, mm.
+    pub(super) fn first_loaded(&self) -> Option<(f64, f64)> {
+        let level = self.levels.first()?;
+        Some((level.window.force_n, level.z_mm - self.touched_mm?))
+    }
 }
 
 /// One level that was held.
@@ -95,7 +101,7 @@ impl ZeroMoved {
 impl Runner<'_> {
     /// Executes one entry of the plan, from the clear to the clear above the `next` place.
     pub(super) async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<RecordedContact, Halt> {
-        let pressed = self.contact(entry.press, entry.place, &entry.task, next.unwrap_or(entry.place)).await?;
+        let pressed = self.undoubted_contact(entry, next.unwrap_or(entry.place)).await?;
         if let Some(next) = next {
             self.go_to(next).await?; // a staircase that ended without load hasn't moved
         }
@@ -300,6 +306,10 @@ impl Runner<'_> {
                     LoopEvent::Moved { z_mm: self.rig_control.z_mm }
                 }
                 LoopCommand::Done => break,
+                LoopCommand::Doubt(trip) => {
+                    self.doubt = Some(trip.clone());
+                    return Err(trip.into());
+                }
                 LoopCommand::Trip(trip) => {
                     if trip.rule == SafetyRule::NoContact {
                         // the array may have felt it
@@ -391,6 +401,7 @@ impl Runner<'_> {
             softest: Softest {
                 declared_n_mm: self.conditions.spec.stiffness_least_n_mm,
                 learned_curve: self.map.learned_curve(place),
+                doubted: self.map.doubted(place, force_set_n).filter(|_| !self.force_is_shown),
             },
             clear_mm: self.permit.travel_mm(first_mm),
             approach_mm_s: self.conditions.spec.stage.approach_mm_s,

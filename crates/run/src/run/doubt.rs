@@ -1,0 +1,52 @@
+//! A press that needs much more depth than the presses so far: the load cell first shows at a known place that it measures the force.
+
+use super::Halt;
+use super::checks::HalfPress;
+use super::execute::Runner;
+use super::press::Pressed;
+use palpate_control::{SafetyRule, Trip};
+use palpate_core::quantity::Place;
+use palpate_data::dataset::{Record, Retouch};
+use palpate_data::recipe::Entry;
+
+impl Runner<'_> {
+    /// Makes the contact of an entry. If its force is doubted, z leaves the contact, the press with which the checks are compared is
+    /// repeated with half its force, and the contact is made again.
+    pub(super) async fn undoubted_contact(&mut self, entry: &Entry, next: Place) -> Result<Pressed, Halt> {
+        let made = self.contact(entry.press, entry.place, &entry.task, next).await;
+        let Some(trip) = self.doubt.take() else { return made };
+        self.leave_unfinished().await?;
+        self.show_force(entry, trip).await?;
+        self.force_is_shown = true;
+        let made = self.contact(entry.press, entry.place, &entry.task, next).await;
+        self.force_is_shown = false;
+        made
+    }
+
+    /// Presses a known place with half its force.
+    ///
+    /// # Errors
+    /// The trip of the doubt, if there is no such place; another one if the press needs another depth than before.
+    async fn show_force(&mut self, entry: &Entry, trip: Trip) -> Result<(), Halt> {
+        let Some(HalfPress { entry: again, before, before_mm }) = self.checks.half(self.plan, entry.press) else {
+            return Err(trip.into());
+        };
+        let pressed = self.contact(again.press, again.place, &again.task, entry.place).await;
+        self.doubt = None; // a doubt about this press is answered by its own trip
+        let pressed = pressed?;
+        let (t_s, place, known_mm) = (self.conditions.clock.now_s(), again.place, self.map.expect(again.place).z_mm);
+        let touched_mm = pressed.touched_mm.unwrap_or(f64::NAN);
+        let retouch = Retouch { t_s, place, before_mm: known_mm, touched_mm };
+        self.ledger.record(&Record::Retouch(retouch))?;
+        self.listener.retouched(&retouch);
+        let sunk = pressed.first_loaded().and_then(|now| self.map.compare([(before.force_n, before_mm), now]));
+        match sunk {
+            Some(sunk) if sunk.depth.abs() <= sunk.limit => Ok(()),
+            Some(sunk) => {
+                let [by, limit] = [sunk.depth, sunk.limit].map(|share| 100.0 * share);
+                Err(Trip::new(SafetyRule::SofterThanTaught, by, limit, "% more depth at a known place").into())
+            }
+            None => Err(trip.into()),
+        }
+    }
+}
