@@ -1,5 +1,6 @@
 //! Drift of a load cell's zero: a straight line through the air that was read, with its error.
 
+use super::trip::{SafetyRule, Trip};
 use super::zero::{DETECT_LEAST_N, SHARED_MOST, correlation, counts_for};
 use palpate_core::quantity::ForceReading;
 use serde::{Deserialize, Serialize};
@@ -144,6 +145,24 @@ impl Drift {
     /// Largest rate with which a specimen with this force limit is pressed, N/s.
     pub fn most_n_s(limit_n: f64) -> f64 {
         DRIFTED_SHARE * limit_n / PRESS_S
+    }
+
+    /// Rate that was seen, N/s, whether forces are corrected by it or not; `None` if chance explains it.
+    pub fn seen_n_s(&self) -> Option<f64> {
+        let rate_n_s = self.rate_n_s + self.hidden_n_s;
+        (rate_n_s != 0.0 && rate_n_s.abs() >= USED_SIGMAS * self.sigma_n_s).then_some(rate_n_s)
+    }
+
+    /// Checks that a specimen with this force limit is pressed with this rate.
+    ///
+    /// # Errors
+    /// The rate is larger.
+    pub fn passes(&self, limit_n: f64) -> Result<(), Trip> {
+        let most_n_s = Drift::most_n_s(limit_n);
+        if self.rate_n_s.abs() > most_n_s {
+            return Err(Trip::new(SafetyRule::Drifts, self.rate_n_s, most_n_s, "N/s"));
+        }
+        Ok(())
     }
 
     /// Largest rate of the zero besides the one that is corrected, N/s.
