@@ -55,7 +55,10 @@ const ILL: [IllCell; 10] = [
     IllCell {
         name: "it drifts by 40 mN/s",
         ails: |cell| cell.drift_n_s = 0.040,
-        says: Some(["drifts: 0.0401 N/s, limit 0.0267 N/s", "let the load cell warm up"]),
+        says: Some([
+            "drifts: 0.0399 N/s, limit 0.0267 N/s; it needs a `limits.force_n` of at least 3.00 N, ",
+            "let the load cell warm up",
+        ]),
         ..SOUND
     },
     IllCell {

@@ -177,3 +177,17 @@ fn a_drift_that_a_press_cannot_bear_is_refused_before_contact() {
     assert!(text.contains("limit 0.0267 N/s"), "{text}");
     assert_eq!(run.truth.force_n, 0.0);
 }
+
+/// The message states the least force limit that would pass, and it does, where less doesn't.
+#[test]
+fn the_stated_force_limit_passes() {
+    let drifting = |limit_n: f64| Drifting { noise_n: 0.002, drift_n_s: 0.040, offset_n: 0.0, force_n: 1.0, limit_n };
+    let refused = drifting(2.0).executed(1).ending.text().unwrap_or_default();
+    let (_, after) = refused.split_once("a `limits.force_n` of at least ").expect("a force limit");
+    let least_n: f64 = after.split_once(" N").and_then(|(least_n, _)| least_n.parse().ok()).expect("a number");
+    assert!((least_n - 3.0).abs() < 0.05, "0.040 N/s for 15 s are a fifth of it: {refused}");
+    let (less, passes) = (drifting(least_n - 0.1).executed(1), drifting(least_n).executed(1));
+    assert_eq!(end_of(&less.ending), SafetyRule::Drifts.name(), "{:?}", less.ending.text());
+    assert_eq!(passes.ending.text(), None);
+    assert!(most_of_set(&passes) <= MOST, "{}", most_of_set(&passes));
+}

@@ -31,6 +31,9 @@ const LINE: usize = 2;
 const PRESS_S: f64 = 15.0;
 const DRIFTED_SHARE: f64 = 0.2;
 
+/// The stated least force limit is rounded up to this, N.
+const LIMIT_GRAIN_N: f64 = 0.01;
+
 /// Rate of a zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Drift {
@@ -160,9 +163,24 @@ impl Drift {
     pub fn passes(&self, limit_n: f64) -> Result<(), Trip> {
         let most_n_s = Drift::most_n_s(limit_n);
         if self.rate_n_s.abs() > most_n_s {
-            return Err(Trip::new(SafetyRule::Drifts, self.rate_n_s, most_n_s, "N/s"));
+            return Err(Drift::trip(self.rate_n_s, most_n_s).with(Drift::needs_limit(
+                self.rate_n_s,
+                limit_n,
+                most_n_s,
+            )));
         }
         Ok(())
+    }
+
+    /// Returns the trip by a rate of the zero, with the largest one that would have passed, N/s.
+    pub fn trip(rate_n_s: f64, most_n_s: f64) -> Trip {
+        Trip::new(SafetyRule::Drifts, rate_n_s, most_n_s, "N/s")
+    }
+
+    /// Returns the sentence about the least force limit that this rate needs, if with this limit the largest one is `most_n_s`.
+    pub fn needs_limit(rate_n_s: f64, limit_n: f64, most_n_s: f64) -> String {
+        let least_n = (limit_n * (rate_n_s / most_n_s).abs() / LIMIT_GRAIN_N).ceil() * LIMIT_GRAIN_N;
+        format!("it needs a `limits.force_n` of at least {least_n:.2} N, which the specimen has to bear")
     }
 
     /// Largest rate of the zero besides the one that is corrected, N/s.

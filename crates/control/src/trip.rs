@@ -16,6 +16,9 @@ pub struct Trip {
     pub limit: f64,
     /// Unit of both values.
     pub unit: String,
+    /// What else is known of the cause, in words; `None` if nothing is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub known: Option<String>,
 }
 
 /// Declares the rules: `Rule, "name in files and messages", doubts_load_cell: ..., "first thing to check"`. The comment of a rule is its
@@ -86,7 +89,7 @@ rules! {
         "check the load cell's range, because its count turns around at its end, and its supply and cable, because its zero or gain may have changed";
     /// The zero drifts so fast that it moves by a fifth of the force limit in a press.
     Drifts, "drifts", doubts_load_cell: true,
-        "let the load cell warm up, away from drafts and motors; a drift in proportion to a larger force limit passes";
+        "let the load cell warm up, away from drafts and motors";
     /// The noise without load is too large a part of the force limit.
     Noisy, "noisy", doubts_load_cell: true,
         "check the cell for vibration, and that its range suits this force limit";
@@ -187,18 +190,25 @@ rules! {
 impl Trip {
     /// Creates a broken rule with its numbers.
     pub fn new(rule: SafetyRule, measured: f64, limit: f64, unit: &str) -> Self {
-        Trip { rule, measured, limit, unit: unit.to_owned() }
+        Trip { rule, measured, limit, unit: unit.to_owned(), known: None }
+    }
+
+    /// Returns it with what else is known of the cause, which the message states before what to check.
+    #[must_use]
+    pub fn with(self, known: String) -> Self {
+        Trip { known: Some(known), ..self }
     }
 }
 
 impl std::fmt::Display for Trip {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Trip { rule, measured, limit, unit } = self;
+        let Trip { rule, measured, limit, unit, known } = self;
+        let known = known.iter().map(|known| format!("{known}; ")).collect::<String>();
         if unit.contains("readings") {
             let digits = if measured.fract() == 0.0 { 0 } else { 1 };
-            return write!(f, "{}: {measured:.digits$} {unit}, limit {limit:.0}; {}", rule.name(), rule.check());
+            return write!(f, "{}: {measured:.digits$} {unit}, limit {limit:.0}; {known}{}", rule.name(), rule.check());
         }
-        write!(f, "{}: {measured:.4} {unit}, limit {limit:.4} {unit}; {}", rule.name(), rule.check())
+        write!(f, "{}: {measured:.4} {unit}, limit {limit:.4} {unit}; {known}{}", rule.name(), rule.check())
     }
 }
 

@@ -16,6 +16,9 @@ const EQUAL_LEAST: u32 = 20;
 const DRIFT_READINGS: usize = 50;
 const DRIFT_LOOK_S: f64 = 0.5;
 
+/// Difference of two rates of the same drift, in sd of the later one.
+const STEADY_SIGMAS: f64 = 3.0;
+
 /// Force that is off over what the drift explains: it may have begun or ended in between, but a touch adds a step.
 const EXPLAINED: RangeInclusive<f64> = 0.5..=1.5;
 
@@ -62,14 +65,25 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         let Some(now) = self.still().await else { return trip };
         let before = *self.watch.zero();
         let (off_n, age_s) = (now.offset_n - before.at_n(now.at_s), now.at_s - before.at_s);
-        let by_drift_n = (now.drift.rate_n_s - before.drift.rate_n_s) * age_s;
-        if now.drift.rate_n_s == 0.0 || !EXPLAINED.contains(&(off_n / by_drift_n)) {
+        let Some(seen_n_s) = now.drift.seen_n_s() else { return trip };
+        if !EXPLAINED.contains(&(off_n / ((seen_n_s - before.drift.rate_n_s) * age_s))) {
             return trip;
         }
-        let rate_n_s = now.drift.rate_n_s;
+        // a drift that hasn't changed is known better from the whole time
+        let since_n_s = before.drift.rate_n_s + off_n / age_s;
+        let is_steady = (since_n_s - seen_n_s).abs() <= STEADY_SIGMAS * now.drift.sigma_n_s;
+        let rate_n_s = if is_steady { since_n_s } else { seen_n_s };
         // the reading has moved on since
-        let most_n_s = (limit_n / off_n.abs().max(limit_n) * rate_n_s).abs().min(Drift::most_n_s(self.watch.limit_n()));
-        Trip::new(SafetyRule::Drifts, rate_n_s, most_n_s, "N/s")
+        let by_rule_n_s = (limit_n / off_n.abs().max(limit_n) * rate_n_s).abs();
+        let passes_n_s = by_rule_n_s.min(Drift::most_n_s(self.watch.limit_n()));
+        let drifts = Drift::trip(rate_n_s, passes_n_s);
+        // the other rules allow no more with a larger force limit
+        let needs_limit =
+            passes_n_s < by_rule_n_s || matches!(trip.rule, SafetyRule::ForceRose | SafetyRule::ForceFell);
+        match needs_limit {
+            true => drifts.with(Drift::needs_limit(rate_n_s, self.watch.limit_n(), passes_n_s)),
+            false => drifts,
+        }
     }
 
     /// Returns the reading of a stage that rests, with its drift; `None` if the cell doesn't answer, or reports a fault.
