@@ -20,17 +20,23 @@ struct IllCell {
 
 const fn healthy(_: &mut LoadCellScene) {}
 
-/// Largest true force, N: what is set and its tolerance.
+/// Largest true force, N: what is set and its tolerance. If the cell shows less than that, only the limit counts.
 const MOST_N: f64 = 1.05;
+const LIMIT_N: f64 = 2.0;
 
-/// Begins in the air before the second press.
+/// Begins in the air before the second press, before the first touch, and in a contact.
 const IN_THE_AIR_S: f64 = 15.0;
+const EARLY_S: f64 = 12.0;
+const STICKS_S: f64 = 17.0;
+
+/// Begins between two presses, after some that the array has felt.
+const BETWEEN_S: f64 = 21.0;
 
 /// A sound cell, whose run is complete.
 const SOUND: IllCell =
     IllCell { name: "", presses: 4, ails: healthy, fault: None, wire: None, most_n: MOST_N, says: None };
 
-const ILL: [IllCell; 10] = [
+const ILL: [IllCell; 17] = [
     IllCell {
         name: "0.4 % of the samples are minus one",
         ails: |cell| cell.glitches = Some(CorruptSamples::of(GlitchKind::MinusOne, 0.004)),
@@ -74,6 +80,13 @@ const ILL: [IllCell; 10] = [
         ..SOUND
     },
     IllCell {
+        name: "it drifts by 12 mN/s for minutes",
+        presses: 160,
+        ails: |cell| cell.drift_n_s = 0.012,
+        says: Some(["zero-outside: 2.", " limit 2.0000 N; the load cell drifts: by 12.0"]),
+        ..SOUND
+    },
+    IllCell {
         name: "it drifts by 4 mN/s without noise",
         ails: |cell| (cell.drift_n_s, cell.noise_n) = (0.004, 0.0),
         ..SOUND
@@ -86,6 +99,49 @@ const ILL: [IllCell; 10] = [
     IllCell {
         name: "it drifts by -1 mN/s without noise",
         ails: |cell| (cell.drift_n_s, cell.noise_n) = (-0.001, 0.0),
+        ..SOUND
+    },
+    IllCell {
+        name: "it reads 0.5 N at most",
+        most_n: LIMIT_N,
+        fault: Some(SceneFault { kind: FaultKind::Saturated, from_s: 0.0, value: Some(0.5) }),
+        says: Some(["saturated: 0.49", "the load cell can't read more than this: check that its range is larger"]),
+        ..SOUND
+    },
+    IllCell {
+        name: "it sticks in a contact",
+        fault: Some(SceneFault { kind: FaultKind::Stuck, from_s: STICKS_S, value: None }),
+        says: Some(["frozen: ", "check that the transmitter still converts"]),
+        ..SOUND
+    },
+    IllCell {
+        name: "its noise grows in the air",
+        fault: Some(SceneFault { kind: FaultKind::Noisy, from_s: IN_THE_AIR_S, value: Some(10.0) }),
+        says: Some(["noisy: 0.0", "check the cell for vibration"]),
+        ..SOUND
+    },
+    IllCell {
+        name: "its noise grows before the first touch",
+        fault: Some(SceneFault { kind: FaultKind::Noisy, from_s: EARLY_S, value: Some(10.0) }),
+        says: Some(["noisy: 0.0", "check the cell for vibration"]),
+        ..SOUND
+    },
+    IllCell {
+        name: "it reads a tenth of the force",
+        most_n: LIMIT_N,
+        ails: |cell| cell.gain = 0.1,
+        says: Some([
+            "out-of-reach: 0.1",
+            " N; the array feels the contact, so either the load cell reads too little or the specimen is softer",
+        ]),
+        ..SOUND
+    },
+    IllCell {
+        name: "its gain falls by 90 % between two presses",
+        most_n: LIMIT_N,
+        presses: 12,
+        wire: Some((WireFault::CellGain(0.1), BETWEEN_S)),
+        says: Some(["softer-than-taught: 0.1", " N/mm; check whether the load cell reads less than before"]),
         ..SOUND
     },
 ];

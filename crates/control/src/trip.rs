@@ -69,6 +69,9 @@ rules! {
     /// The cell returns the same value again and again.
     Frozen, "frozen", doubts_load_cell: true,
         "check that the transmitter still converts; reconnect the load cell";
+    /// The cell repeated one value under load, and reads less since the load is gone.
+    Saturated, "saturated", doubts_load_cell: false,
+        "the load cell can't read more than this: check that its range is larger than the force limit and its reading without load together";
     /// The cell or its transmitter reports overload or a fault.
     Unhealthy, "unhealthy", doubts_load_cell: true,
         "check that the load cell is within its range and its cable is undamaged";
@@ -137,7 +140,7 @@ rules! {
         "check whether the indenter sticks, or the surface is higher than measured before";
     /// The force isn't reached within the permitted depth or force.
     OutOfReach, "out-of-reach", doubts_load_cell: false,
-        "check whether the specimen is softer than expected, `limits.depth_mm` is too small for this force, or the force is within \
+        "check whether the load cell reads too little (`palpate doctor --check-weight-n`), the specimen is softer than expected, `limits.depth_mm` is too small for this force, or the force is within \
          `stiffness_n_mm` times a few `step_mm.z` of `limits.force_n`; \
          for its way back in one motion, a ramp needs a smaller force or a smaller `limits.stiffness_n_mm`";
     /// The force isn't reached in the permitted number of steps.

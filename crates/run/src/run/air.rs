@@ -41,6 +41,7 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         if self.line.is_some() {
             self.cell.largest.count_from(&before, &zero);
         }
+        self.first_zero.get_or_insert((zero.at_s, zero.offset_n));
         self.watch = Watch::new(limits, zero);
         self.line = Some(line);
     }

@@ -4,17 +4,18 @@ use super::Halt;
 use super::air::NoLoadForces;
 use super::rig_control::LIGHT_READINGS;
 use super::watched_cell::WatchedLoadCell;
-use palpate_control::{Drift, NO_LOAD_READINGS, SafetyRule, Trip, Zero, check_sound};
+use palpate_control::{Drift, NO_LOAD_READINGS, SafetyRule, Trip, Zero, check_sound, without_glitches};
+use palpate_core::quantity::ForceReading;
 use palpate_link::device::LoadCell;
 use palpate_link::time::{Instant, sleep};
 use std::ops::RangeInclusive;
 
 /// Least number of equal readings of a cell that doesn't follow a contact.
-const EQUAL_LEAST: u32 = 20;
+pub(super) const EQUAL_LEAST: u32 = 20;
 
 /// Number of readings at rest that show a drift, and least time for them, s.
 const DRIFT_READINGS: usize = 50;
-const DRIFT_LOOK_S: f64 = 0.5;
+pub(super) const DRIFT_LOOK_S: f64 = 0.5;
 
 /// Difference of two rates of the same drift, in sd of the later one.
 const STEADY_SIGMAS: f64 = 3.0;
@@ -52,27 +53,35 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         if sigma_n > most_n { Trip::new(SafetyRule::Noisy, sigma_n, most_n, "N") } else { trip }
     }
 
-    /// Returns the real cause of a rule that was broken by a force of the air: a drift looks like a touch, or like a push that reads as a pull. The
-    /// stage rests. It states the rate, and the one that would have passed.
-    pub(super) async fn unless_it_drifts(&mut self, trip: Trip) -> Trip {
-        let limit_n = match trip.rule {
-            SafetyRule::SurfaceElsewhere => self.watch.zero().detect_n(),
+    /// Returns the real cause of a rule that was broken by a force of the air: a drift looks like a touch, or like a push that reads as a pull, and
+    /// noise that has grown does too. The stage rests. It states the rate, and the one that would have passed.
+    pub(super) async fn real_cause(&mut self, trip: Trip) -> Trip {
+        let before = *self.watch.zero();
+        let (limit_n, may_drift) = match trip.rule {
+            SafetyRule::SurfaceElsewhere => (before.detect_n(), true),
             SafetyRule::WrongSign | SafetyRule::ForceRose | SafetyRule::ForceFell | SafetyRule::ZeroDrifted => {
-                trip.limit.abs()
+                (trip.limit.abs(), true)
             }
+            // noise that begins in the air may begin with a step
+            SafetyRule::Jumped if self.no_load.open => (trip.limit.abs(), false),
             _ => return trip,
         };
-        let Some(now) = self.still().await else { return trip };
-        let before = *self.watch.zero();
-        let (off_n, age_s) = (now.offset_n - before.at_n(now.at_s), now.at_s - before.at_s);
-        let Some(seen_n_s) = now.drift.seen_n_s() else { return trip };
-        if !EXPLAINED.contains(&(off_n / ((seen_n_s - before.drift.rate_n_s) * age_s))) {
-            return trip;
+        let Some((now, sigma_n)) = self.still(DRIFT_LOOK_S).await else { return trip };
+        let most_n = before.noise_most_n();
+        let looks_alike =
+            matches!(trip.rule, SafetyRule::WrongSign | SafetyRule::SurfaceElsewhere | SafetyRule::Jumped);
+        if looks_alike && sigma_n > most_n {
+            return Trip::new(SafetyRule::Noisy, sigma_n, most_n, "N");
         }
-        // a drift that hasn't changed is known better from the whole time
-        let since_n_s = before.drift.rate_n_s + off_n / age_s;
-        let is_steady = (since_n_s - seen_n_s).abs() <= STEADY_SIGMAS * now.drift.sigma_n_s;
-        let rate_n_s = if is_steady { since_n_s } else { seen_n_s };
+        match may_drift {
+            true => self.unless_it_drifts(trip, limit_n, &now),
+            false => trip,
+        }
+    }
+
+    /// Returns a trip by the drift of a cell that rests with this zero, if that explains the trip by a force over this limit.
+    fn unless_it_drifts(&self, trip: Trip, limit_n: f64, now: &Zero) -> Trip {
+        let Some((rate_n_s, off_n)) = self.drift_until(now) else { return trip };
         // the reading has moved on since
         let by_rule_n_s = (limit_n / off_n.abs().max(limit_n) * rate_n_s).abs();
         let passes_n_s = by_rule_n_s.min(Drift::most_n_s(self.watch.limit_n()));
@@ -86,15 +95,43 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         }
     }
 
-    /// Returns the reading of a stage that rests, with its drift; `None` if the cell doesn't answer, or reports a fault.
-    pub(super) async fn still(&mut self) -> Option<Zero> {
+    /// Returns the rate of a cell that rests with this zero, and how far it is off the zero of the watch, if the rate explains that.
+    pub(super) fn drift_until(&self, now: &Zero) -> Option<(f64, f64)> {
+        let before = self.watch.zero();
+        let (off_n, age_s) = (now.offset_n - before.at_n(now.at_s), now.at_s - before.at_s);
+        let seen_n_s = now.drift.seen_n_s()?;
+        if !EXPLAINED.contains(&(off_n / ((seen_n_s - before.drift.rate_n_s) * age_s))) {
+            return None;
+        }
+        // a drift that hasn't changed is known better from the whole time
+        let since_n_s = before.drift.rate_n_s + off_n / age_s;
+        let is_steady = (since_n_s - seen_n_s).abs() <= STEADY_SIGMAS * now.drift.sigma_n_s;
+        Some((if is_steady { since_n_s } else { seen_n_s }, off_n))
+    }
+
+    /// Returns a trip by a zero that is outside its range, with the drift since the first zero, if the air in between shows it too.
+    pub(super) fn since_first_zero(&self, trip: Trip, now: &Zero) -> Trip {
+        let (Some((at_s, offset_n)), Some(line)) = (self.first_zero, &self.line) else { return trip };
+        let (took_s, seen) = (now.at_s - at_s, line.drift());
+        let rate_n_s = (now.offset_n - offset_n) / took_s;
+        if !EXPLAINED.contains(&((seen.rate_n_s + seen.hidden_n_s) / rate_n_s)) {
+            return trip;
+        }
+        let rate_mn_s = 1000.0 * rate_n_s;
+        trip.with(format!("the load cell drifts: by {rate_mn_s:.2} mN/s in the {took_s:.0} s since its first zero"))
+    }
+
+    /// Returns the reading of a stage that rests, with its drift, and the noise of one reading, N; `None` if the cell doesn't answer, or reports a
+    /// fault.
+    pub(super) async fn still(&mut self, seconds: f64) -> Option<(Zero, f64)> {
         let conversion_s = self.cell.conversion().as_secs_f64();
         let mut readings = Vec::new();
-        for _ in 0..DRIFT_READINGS.max((DRIFT_LOOK_S / conversion_s) as usize) {
+        for _ in 0..DRIFT_READINGS.max((seconds / conversion_s) as usize) {
             sleep(self.cell.conversion()).await;
             readings.push(self.cell.read().await.ok().filter(|reading| check_sound(reading).is_ok())?);
         }
-        Some(Zero::of(&readings, conversion_s))
+        let (readings, _) = without_glitches(&readings).ok()?;
+        Some((Zero::of(&readings, conversion_s), step_sigma_n(&readings)))
     }
 
     /// Noise of some more readings at rest, N.
@@ -106,4 +143,10 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         }
         Ok(still.sigma_n())
     }
+}
+
+/// Returns the noise of one reading, from the differences of successive readings: a force that relaxes isn't noise.
+fn step_sigma_n(readings: &[ForceReading]) -> f64 {
+    let squares: f64 = readings.windows(2).map(|pair| (pair[1].force_n - pair[0].force_n).powi(2)).sum();
+    (squares / (2.0 * readings.windows(2).len().max(1) as f64)).sqrt()
 }

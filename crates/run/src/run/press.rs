@@ -305,6 +305,7 @@ impl Runner<'_> {
                         // the array may have felt it
                         self.rig_control.check_outputs_rest(&mut known, &self.conditions.spec.array).await?;
                     }
+                    let trip = self.rig_control.as_array_feels(trip, self.conditions.spec.array.range_v).await;
                     return Err(self.rig_control.cell.at_first_touch(trip).await.into());
                 }
             };

@@ -119,7 +119,7 @@ async fn zero_of(
         return Err(Trip::new(SafetyRule::Noisy, zero.sigma_n, most_n, "N").into());
     }
     zero.drift.passes(conditions.spec.limits.force_n)?;
-    check_no_load(&zero, conditions.spec)?;
+    check_no_load(&zero, conditions.spec).map_err(|trip| rig_control.cell.since_first_zero(trip, &zero))?;
     rig_control.cell.zero(&conditions.spec.limits, zero, readings);
     rig_control.begin_no_load();
     let outputs = rig_control.end_no_load().await?.outputs;
