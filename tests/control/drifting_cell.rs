@@ -191,3 +191,35 @@ fn the_stated_force_limit_passes() {
     assert_eq!(passes.ending.text(), None);
     assert!(most_of_set(&passes) <= MOST, "{}", most_of_set(&passes));
 }
+
+/// In a rest of five minutes, a drift of 2 mN/s moves the zero by 0.6 N. The air before was too short for this rate to count.
+#[test]
+fn a_zero_that_drifts_too_far_in_a_rest_is_named_a_drift() {
+    let mut spec = shipped_rig("rigs/sim.toml");
+    let cell = spec.scene.load_cell.get_or_insert_default();
+    (cell.noise_n, cell.drift_n_s) = (0.003, 0.002);
+    let recipe = "name = \"rests\"\n[press]\nforce_tolerance_n = 0.05\nhold_s = 0.0\nsample_s = 0.1\n[[step]]\n\
+                  phase = \"characterisation\"\nunits = [1, 5]\n\
+                  staircase = { to_n = 1.5, step_n = 0.5, repeats = 3, rest_s = 300.0 }\n";
+    let text = executed(&spec, &plan(&spec, recipe, 1)).ending.text().unwrap_or_default();
+    assert!(text.starts_with("drifts: 0.0020 N/s, limit 0.0017 N/s; let the load cell warm up"), "{text}");
+}
+
+/// In a long hold, a drift that forces aren't corrected by moves the zero by more than a touch: 1 mN/s in 30 s, and 2 mN/s in 120 s. Whatever rule
+/// it breaks, the drift is named.
+#[test]
+fn a_drift_that_a_long_hold_does_not_bear_is_named() {
+    let all = [(30, 0.001), (30, -0.001), (120, 0.001), (120, -0.001), (120, 0.002)];
+    let texts = in_parallel(&all, |&(hold_s, drift_n_s)| {
+        let mut spec = shipped_rig("rigs/sim.toml");
+        let cell = spec.scene.load_cell.get_or_insert_default();
+        (cell.noise_n, cell.drift_n_s) = (0.003, drift_n_s);
+        let recipe =
+            recipe(Strategy::Guarded, 4, "[0.6, 1.0]").replace("hold_s = 0.0", &format!("hold_s = {hold_s}.0"));
+        let run = executed(&spec, &plan(&spec, &recipe, 1));
+        (run.ending.text().unwrap_or_default(), run.truth.force_n)
+    });
+    let is_named = |(text, force_n): &(String, f64)| text.starts_with("drifts: ") && *force_n <= MOST;
+    let unnamed = all.iter().zip(&texts).filter(|(_, end)| !is_named(end));
+    must_be_none(&unnamed.map(|(tried, end)| format!("{tried:?}: {end:?}")).collect::<Vec<_>>());
+}

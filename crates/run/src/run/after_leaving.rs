@@ -1,15 +1,17 @@
 //! The real cause of a rule that was broken in contact, where it shows only after the contact was left.
 
 use super::Halt;
-use super::causes::{DRIFT_LOOK_S, EQUAL_LEAST};
+use super::causes::{DRIFT_LOOK_S, EQUAL_LEAST, LONG_AGO_S, SLOW_LOOK_S};
 use super::watched_cell::WatchedLoadCell;
-use palpate_control::{SafetyRule, Trip};
+use palpate_control::{Drift, SafetyRule, Trip};
 use palpate_link::device::LoadCell;
 
 /// What is known of a trip when the contact is left.
 pub(super) enum AtTrip {
     /// The cell repeated this reading under load, N as the cell reads.
     Repeated(f64),
+    /// The force was this much over what a rule allows, N, and was read at this time, s.
+    Over(f64, f64),
 }
 
 impl<C: LoadCell> WatchedLoadCell<'_, C> {
@@ -24,6 +26,9 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         match trip.rule {
             SafetyRule::Frozen => repeated(),
             SafetyRule::NoResponse if self.watch.equal() >= EQUAL_LEAST => repeated(),
+            SafetyRule::HardContact | SafetyRule::OverForce if self.read_s - zero.at_s >= LONG_AGO_S => {
+                Some(AtTrip::Over(trip.measured - trip.limit, self.read_s))
+            }
             _ => None,
         }
     }
@@ -32,6 +37,7 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
     pub(super) async fn after_leaving(&mut self, at_trip: AtTrip) -> Option<Trip> {
         match at_trip {
             AtTrip::Repeated(code_n) => self.saturated(code_n).await,
+            AtTrip::Over(over_n, at_s) => self.drifted(over_n, at_s).await,
         }
     }
 
@@ -46,5 +52,18 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         }
         self.cell.largest.is_the_end();
         Some(Trip::new(SafetyRule::Saturated, code_n - zero.at_n(self.read_s), limit_n, "N"))
+    }
+
+    /// Returns the trip of a cell whose zero has drifted by more than the force was over what is allowed.
+    async fn drifted(&mut self, over_n: f64, at_s: f64) -> Option<Trip> {
+        let (now, _) = self.still(SLOW_LOOK_S).await?;
+        let (rate_n_s, off_n) = self.drift_until(&now)?;
+        let zero = self.watch.zero();
+        let was_off_n = off_n * (at_s - zero.at_s) / (now.at_s - zero.at_s);
+        if was_off_n <= over_n {
+            return None;
+        }
+        let passes_n_s = (rate_n_s * (1.0 - over_n / was_off_n)).abs();
+        Some(Drift::trip(rate_n_s, passes_n_s.min(Drift::most_n_s(self.watch.limit_n()))))
     }
 }

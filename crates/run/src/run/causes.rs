@@ -17,6 +17,16 @@ pub(super) const EQUAL_LEAST: u32 = 20;
 const DRIFT_READINGS: usize = 50;
 pub(super) const DRIFT_LOOK_S: f64 = 0.5;
 
+/// The same for a slow drift that has had time, s: of 3 mN of noise it shows 0.6 mN/s. And the least age of the zero, s: in it a drift that forces
+/// aren't corrected by moves the zero by half a touch.
+pub(super) const SLOW_LOOK_S: f64 = 3.0;
+pub(super) const LONG_AGO_S: f64 = 10.0;
+
+/// Largest change of the force while it is read at rest, as a fraction of the force limit: the largest drift moves it by 4 % in this time. And the
+/// number of readings in a row that show a larger one.
+const MOVES_SHARE: f64 = 0.1;
+const MOVED_READINGS: u32 = 4;
+
 /// Difference of two rates of the same drift, in sd of the later one.
 const STEADY_SIGMAS: f64 = 3.0;
 
@@ -57,16 +67,21 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
     /// noise that has grown does too. The stage rests. It states the rate, and the one that would have passed.
     pub(super) async fn real_cause(&mut self, trip: Trip) -> Trip {
         let before = *self.watch.zero();
+        let is_long_ago = self.read_s - before.at_s >= LONG_AGO_S;
         let (limit_n, may_drift) = match trip.rule {
             SafetyRule::SurfaceElsewhere => (before.detect_n(), true),
             SafetyRule::WrongSign | SafetyRule::ForceRose | SafetyRule::ForceFell | SafetyRule::ZeroDrifted => {
                 (trip.limit.abs(), true)
             }
+            SafetyRule::StillTouching if is_long_ago => (trip.limit.abs(), true),
             // noise that begins in the air may begin with a step
-            SafetyRule::Jumped if self.no_load.open => (trip.limit.abs(), false),
+            SafetyRule::Jumped if is_long_ago || self.no_load.open => (trip.limit.abs(), is_long_ago),
             _ => return trip,
         };
-        let Some((now, sigma_n)) = self.still(DRIFT_LOOK_S).await else { return trip };
+        let is_slow = trip.rule == SafetyRule::ZeroDrifted || is_long_ago;
+        let Some((now, sigma_n)) = self.still(if is_slow { SLOW_LOOK_S } else { DRIFT_LOOK_S }).await else {
+            return trip;
+        };
         let most_n = before.noise_most_n();
         let looks_alike =
             matches!(trip.rule, SafetyRule::WrongSign | SafetyRule::SurfaceElsewhere | SafetyRule::Jumped);
@@ -82,8 +97,9 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
     /// Returns a trip by the drift of a cell that rests with this zero, if that explains the trip by a force over this limit.
     fn unless_it_drifts(&self, trip: Trip, limit_n: f64, now: &Zero) -> Trip {
         let Some((rate_n_s, off_n)) = self.drift_until(now) else { return trip };
-        // the reading has moved on since
-        let by_rule_n_s = (limit_n / off_n.abs().max(limit_n) * rate_n_s).abs();
+        // the reading has moved on since; a zero that moved in a rest counts from its air already
+        let moved_n = if trip.rule == SafetyRule::ZeroDrifted { trip.measured } else { off_n };
+        let by_rule_n_s = (limit_n / moved_n.abs().max(limit_n) * rate_n_s).abs();
         let passes_n_s = by_rule_n_s.min(Drift::most_n_s(self.watch.limit_n()));
         let drifts = Drift::trip(rate_n_s, passes_n_s);
         // the other rules allow no more with a larger force limit
@@ -121,14 +137,21 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         trip.with(format!("the load cell drifts: by {rate_mn_s:.2} mN/s in the {took_s:.0} s since its first zero"))
     }
 
-    /// Returns the reading of a stage that rests, with its drift, and the noise of one reading, N; `None` if the cell doesn't answer, or reports a
-    /// fault.
+    /// Returns the reading of a stage that rests, with its drift, and the noise of one reading, N; `None` if the cell doesn't answer, reports a
+    /// fault, or moves by more than a drift: then nothing more is waited for.
     pub(super) async fn still(&mut self, seconds: f64) -> Option<(Zero, f64)> {
         let conversion_s = self.cell.conversion().as_secs_f64();
-        let mut readings = Vec::new();
+        let (most_n, mut moved) = (MOVES_SHARE * self.watch.limit_n(), 0);
+        let mut readings: Vec<ForceReading> = Vec::new();
         for _ in 0..DRIFT_READINGS.max((seconds / conversion_s) as usize) {
             sleep(self.cell.conversion()).await;
-            readings.push(self.cell.read().await.ok().filter(|reading| check_sound(reading).is_ok())?);
+            let reading = self.cell.read().await.ok().filter(|reading| check_sound(reading).is_ok())?;
+            let has_moved = readings.first().is_some_and(|first| (reading.force_n - first.force_n).abs() > most_n);
+            moved = if has_moved { moved + 1 } else { 0 };
+            if moved >= MOVED_READINGS {
+                return None;
+            }
+            readings.push(reading);
         }
         let (readings, _) = without_glitches(&readings).ok()?;
         Some((Zero::of(&readings, conversion_s), step_sigma_n(&readings)))
