@@ -10,7 +10,7 @@ use super::tables::filled;
 use crate::api::Failure;
 use crate::api::run::block_on;
 use miette::Diagnostic;
-use palpate_control::{MainsInterference, Reaction, Trip};
+use palpate_control::{Drift, MainsInterference, Reaction, Trip};
 use palpate_core::quantity::AxesCheck;
 use palpate_data::dataset::MonitorValue;
 use palpate_drivers::lines::ForceCounts;
@@ -46,6 +46,9 @@ const BAR_COLUMNS: usize = 40;
 
 /// Allowed move of the zero in either direction in the proposed `air_n`, as a fraction of the force limit.
 const ZERO_MOVES_SHARE: f64 = 0.2;
+
+/// Time for which the proposed `air_n` allows for a drift, s: the longest time between two checks of a run.
+const DRIFTS_FOR_S: f64 = 3600.0;
 
 /// Typical window of recipes, used to calculate the mains interference that remains in it, s.
 const WINDOW_S: f64 = 0.2;
@@ -184,7 +187,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         }
     }
     if let Some(Ok(no_load)) = &found.no_load {
-        let NoLoadCell { zero, readings, fresh_share, outputs_sigma_v } = no_load;
+        let NoLoadCell { zero, readings, fresh_share, outputs_sigma_v, drift } = no_load;
         let _ = writeln!(
             text,
             "\n{:<11}zero {:.4} N, noise of a reading {:.2} mN",
@@ -196,8 +199,11 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         if let Some(mains) = zero.mains {
             let _ = writeln!(text, "{:<11}{}", "", mains_text(&mains));
         }
+        for line in drift_text(zero.offset_n, drift, spec) {
+            let _ = writeln!(text, "{:<11}{line}", "");
+        }
         if spec.load_cell.air_n.is_none() {
-            let [least_n, most_n] = proposed_air_n(zero.offset_n, spec.limits.force_n);
+            let [least_n, most_n] = proposed_air_n(zero.offset_n, drift, spec.limits.force_n);
             let _ = writeln!(text, "{:<11}`air_n = [{least_n}, {most_n}]` in [load_cell] would limit this zero", "");
         }
         let noise = match (outputs_sigma_v, spec.array.unit.as_str()) {
@@ -256,10 +262,26 @@ fn mains_text(mains: &MainsInterference) -> String {
 }
 
 /// Returns the proposed range of the load cell's reading without load, assuming that the present reading is air. In both directions it
-/// allows the same move as the zero may have in a run.
-fn proposed_air_n(offset_n: f64, limit_n: f64) -> [f64; 2] {
+/// allows the same move as the zero may have in a run. In the direction of a drift it allows more, up to what is allowed without the key.
+fn proposed_air_n(offset_n: f64, drift: &Drift, limit_n: f64) -> [f64; 2] {
     let rounded = |n: f64| (n * 1000.0).round() / 1000.0;
-    [-ZERO_MOVES_SHARE, ZERO_MOVES_SHARE].map(|share| rounded(offset_n + share * limit_n))
+    let [least_n, most_n] = [-ZERO_MOVES_SHARE, ZERO_MOVES_SHARE].map(|share| offset_n + share * limit_n);
+    let drifts_n = drift.seen_n_s().unwrap_or(0.0) * DRIFTS_FOR_S;
+    let by_drift = [(least_n + drifts_n.min(0.0)).max(-limit_n), (most_n + drifts_n.max(0.0)).min(limit_n)];
+    [least_n.min(by_drift[0]), most_n.max(by_drift[1])].map(rounded)
+}
+
+/// Describes the drift of the zero: its rate with its error, whether a run continues with it, and for how long. Empty if no drift is seen.
+fn drift_text(offset_n: f64, drift: &Drift, spec: &RigSpec) -> Vec<String> {
+    let Some(rate_n_s) = drift.seen_n_s() else { return Vec::new() };
+    let (most_n_s, air_n) = (Drift::most_n_s(spec.limits.force_n), spec.air_n());
+    let bound_n = if rate_n_s > 0.0 { air_n.max } else { air_n.min };
+    let leaves_min = ((bound_n - offset_n) / rate_n_s / 60.0).max(0.0);
+    let [rate, sd] = [rate_n_s, drift.sigma_n_s].map(|n_s| format!("{:.2}", 1000.0 * n_s));
+    vec![
+        format!("drift of the zero {rate} mN/s, sd {sd} mN/s; a run passes up to {:.1} mN/s", 1000.0 * most_n_s),
+        format!("at this rate the zero leaves `air_n` in {leaves_min:.0} min"),
+    ]
 }
 
 /// Returns advice if the web page of a Net F/T states its counts in another unit than N.
@@ -402,6 +424,9 @@ struct DoctorJson<'a> {
     monitors: &'a [(Identity, MonitorValue)],
     zero_n: Option<f64>,
     noise_n: Option<f64>,
+    /// Rate of the zero, and its standard deviation.
+    drift_n_s: Option<f64>,
+    drift_sd_n_s: Option<f64>,
     fresh_share: Option<f64>,
     outputs_noise_v: Option<f64>,
     trip: Option<&'a Trip>,
@@ -442,6 +467,8 @@ fn json<'a>(
         devices: found.devices.iter().zip(&found.exchanges_s).map(device).collect(),
         zero_n: no_load.map(|no_load| no_load.zero.offset_n),
         noise_n: no_load.map(|no_load| no_load.zero.sigma_n),
+        drift_n_s: no_load.map(|no_load| no_load.drift.seen_n_s().unwrap_or(0.0)),
+        drift_sd_n_s: no_load.map(|no_load| no_load.drift.sigma_n_s),
         fresh_share: no_load.map(|no_load| no_load.fresh_share),
         outputs_noise_v: no_load.and_then(|no_load| no_load.outputs_sigma_v),
         trip: found

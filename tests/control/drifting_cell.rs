@@ -177,3 +177,49 @@ fn a_drift_that_a_press_cannot_bear_is_refused_before_contact() {
     assert!(text.contains("limit 0.0267 N/s"), "{text}");
     assert_eq!(run.truth.force_n, 0.0);
 }
+
+/// The message states the least force limit that would pass, and it does, where less doesn't.
+#[test]
+fn the_stated_force_limit_passes() {
+    let drifting = |limit_n: f64| Drifting { noise_n: 0.002, drift_n_s: 0.040, offset_n: 0.0, force_n: 1.0, limit_n };
+    let refused = drifting(2.0).executed(1).ending.text().unwrap_or_default();
+    let (_, after) = refused.split_once("a `limits.force_n` of at least ").expect("a force limit");
+    let least_n: f64 = after.split_once(" N").and_then(|(least_n, _)| least_n.parse().ok()).expect("a number");
+    assert!((least_n - 3.0).abs() < 0.05, "0.040 N/s for 15 s are a fifth of it: {refused}");
+    let (less, passes) = (drifting(least_n - 0.1).executed(1), drifting(least_n).executed(1));
+    assert_eq!(end_of(&less.ending), SafetyRule::Drifts.name(), "{:?}", less.ending.text());
+    assert_eq!(passes.ending.text(), None);
+    assert!(most_of_set(&passes) <= MOST, "{}", most_of_set(&passes));
+}
+
+/// In a rest of five minutes, a drift of 2 mN/s moves the zero by 0.6 N. The air before was too short for this rate to count.
+#[test]
+fn a_zero_that_drifts_too_far_in_a_rest_is_named_a_drift() {
+    let mut spec = shipped_rig("rigs/sim.toml");
+    let cell = spec.scene.load_cell.get_or_insert_default();
+    (cell.noise_n, cell.drift_n_s) = (0.003, 0.002);
+    let recipe = "name = \"rests\"\n[press]\nforce_tolerance_n = 0.05\nhold_s = 0.0\nsample_s = 0.1\n[[step]]\n\
+                  phase = \"characterisation\"\nunits = [1, 5]\n\
+                  staircase = { to_n = 1.5, step_n = 0.5, repeats = 3, rest_s = 300.0 }\n";
+    let text = executed(&spec, &plan(&spec, recipe, 1)).ending.text().unwrap_or_default();
+    assert!(text.starts_with("drifts: 0.0020 N/s, limit 0.0017 N/s; let the load cell warm up"), "{text}");
+}
+
+/// In a long hold, a drift that forces aren't corrected by moves the zero by more than a touch: 1 mN/s in 30 s, and 2 mN/s in 120 s. Whatever rule
+/// it breaks, the drift is named.
+#[test]
+fn a_drift_that_a_long_hold_does_not_bear_is_named() {
+    let all = [(30, 0.001), (30, -0.001), (120, 0.001), (120, -0.001), (120, 0.002)];
+    let texts = in_parallel(&all, |&(hold_s, drift_n_s)| {
+        let mut spec = shipped_rig("rigs/sim.toml");
+        let cell = spec.scene.load_cell.get_or_insert_default();
+        (cell.noise_n, cell.drift_n_s) = (0.003, drift_n_s);
+        let recipe =
+            recipe(Strategy::Guarded, 4, "[0.6, 1.0]").replace("hold_s = 0.0", &format!("hold_s = {hold_s}.0"));
+        let run = executed(&spec, &plan(&spec, &recipe, 1));
+        (run.ending.text().unwrap_or_default(), run.truth.force_n)
+    });
+    let is_named = |(text, force_n): &(String, f64)| text.starts_with("drifts: ") && *force_n <= MOST;
+    let unnamed = all.iter().zip(&texts).filter(|(_, end)| !is_named(end));
+    must_be_none(&unnamed.map(|(tried, end)| format!("{tried:?}: {end:?}")).collect::<Vec<_>>());
+}

@@ -307,7 +307,7 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
         FaultKind::NoContact => &["fallen", "no-response", "no-contact"],
         // between two readings of a contact the force seems to disappear; a reading during which it begins is a mean of both signs
         FaultKind::WrongSign => &["wrong-sign", "jumped", "no-response", "fallen", "softer-than-taught"],
-        FaultKind::Saturated => &["frozen", "no-response"],
+        FaultKind::Saturated => &["saturated", "frozen", "no-response"],
         // a specimen that slips before it touches feels softer than it can be
         FaultKind::Slip => &["fallen", "no-response", "out-of-reach", "softer-than-taught"],
         FaultKind::HardContact => &["hard-contact", "over-force"],

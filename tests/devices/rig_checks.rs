@@ -79,6 +79,40 @@ fn zero_outside_the_declared_range_is_refused() {
 }
 
 #[test]
+fn doctor_states_the_drift_of_the_load_cell() {
+    let rig = |n_min: f64, more: &str| {
+        let rig = exchanged(
+            &shipped_text("rigs/sim.toml"),
+            "noise_n = 0.003",
+            &format!("noise_n = 0.003, drift_n_min = {n_min}"),
+        );
+        exchanged(&rig, "conversions_hz = 200.0", &format!("conversions_hz = 200.0{more}"))
+    };
+    let (slow, fast, over, down) = (rig(0.06, ""), rig(0.24, ""), rig(1.62, ""), rig(-0.06, "\nair_n = [-0.1, 0.1]"));
+    let bench =
+        TestFolder::with([("slow.toml", &*slow), ("fast.toml", &*fast), ("over.toml", &*over), ("down.toml", &*down)]);
+    let said = |output: &str| output.split_whitespace().collect::<Vec<_>>().join(" ");
+    for (name, drift, proposed, leaves) in [
+        ("slow", "drift of the zero 1.0", "`air_n = [-0.39, 2]` in [load_cell]", "leaves `air_n` in 33 min"),
+        ("fast", "drift of the zero 4.0", "`air_n = [-0.359, 2]` in [load_cell]", "leaves `air_n` in 8 min"),
+    ] {
+        let said = said(&bench.palpate_ends(0, &format!("doctor {name}.toml")).out);
+        for expected in [drift, " mN/s, sd 0.0", " mN/s; a run passes up to 26.7 mN/s", proposed, leaves] {
+            assert!(said.contains(expected), "{name}: no {expected:?} in\n{said}");
+        }
+    }
+    let said_down = said(&bench.palpate_ends(0, "doctor down.toml").out);
+    assert!(said_down.contains("drift of the zero -") && said_down.contains("leaves `air_n` in 2 min"), "{said_down}");
+    let output = bench.palpate_ends(4, "doctor over.toml");
+    assert!(output.running().contains("drifts: 0.027"), "{}", output.err);
+    let steady = bench.palpate_ends(0, "doctor sim").out;
+    assert!(!steady.contains("drift of the zero"), "{steady}");
+    let json = &bench.palpate_ends(0, "doctor fast.toml --json").json_lines()[0];
+    let number = |key: &str| json[key].as_f64().unwrap_or_else(|| panic!("no {key}: {json}"));
+    assert!((number("drift_n_s") - 0.004).abs() < 4.0 * number("drift_sd_n_s"), "{json}");
+}
+
+#[test]
 fn doctor_measures_the_values_that_a_run_uses() {
     let output = TestFolder::new().palpate_ends(0, &format!("doctor {} --json", shipped("rigs/sim.toml").display()));
     let found = &output.json_lines()[0];

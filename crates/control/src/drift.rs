@@ -1,5 +1,6 @@
 //! Drift of a load cell's zero: a straight line through the air that was read, with its error.
 
+use super::trip::{SafetyRule, Trip};
 use super::zero::{DETECT_LEAST_N, SHARED_MOST, correlation, counts_for};
 use palpate_core::quantity::ForceReading;
 use serde::{Deserialize, Serialize};
@@ -29,6 +30,9 @@ const LINE: usize = 2;
 /// Time that a rate must hold for: a press takes that long, s. And the part of the force limit by which a zero may drift in it.
 const PRESS_S: f64 = 15.0;
 const DRIFTED_SHARE: f64 = 0.2;
+
+/// The stated least force limit is rounded up to this, N.
+const LIMIT_GRAIN_N: f64 = 0.01;
 
 /// Rate of a zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -144,6 +148,39 @@ impl Drift {
     /// Largest rate with which a specimen with this force limit is pressed, N/s.
     pub fn most_n_s(limit_n: f64) -> f64 {
         DRIFTED_SHARE * limit_n / PRESS_S
+    }
+
+    /// Rate that was seen, N/s, whether forces are corrected by it or not; `None` if chance explains it.
+    pub fn seen_n_s(&self) -> Option<f64> {
+        let rate_n_s = self.rate_n_s + self.hidden_n_s;
+        (rate_n_s != 0.0 && rate_n_s.abs() >= USED_SIGMAS * self.sigma_n_s).then_some(rate_n_s)
+    }
+
+    /// Checks that a specimen with this force limit is pressed with this rate.
+    ///
+    /// # Errors
+    /// The rate is larger.
+    pub fn passes(&self, limit_n: f64) -> Result<(), Trip> {
+        let most_n_s = Drift::most_n_s(limit_n);
+        if self.rate_n_s.abs() > most_n_s {
+            return Err(Drift::trip(self.rate_n_s, most_n_s).with(Drift::needs_limit(
+                self.rate_n_s,
+                limit_n,
+                most_n_s,
+            )));
+        }
+        Ok(())
+    }
+
+    /// Returns the trip by a rate of the zero, with the largest one that would have passed, N/s.
+    pub fn trip(rate_n_s: f64, most_n_s: f64) -> Trip {
+        Trip::new(SafetyRule::Drifts, rate_n_s, most_n_s, "N/s")
+    }
+
+    /// Returns the sentence about the least force limit that this rate needs, if with this limit the largest one is `most_n_s`.
+    pub fn needs_limit(rate_n_s: f64, limit_n: f64, most_n_s: f64) -> String {
+        let least_n = (limit_n * (rate_n_s / most_n_s).abs() / LIMIT_GRAIN_N).ceil() * LIMIT_GRAIN_N;
+        format!("it needs a `limits.force_n` of at least {least_n:.2} N, which the specimen has to bear")
     }
 
     /// Largest rate of the zero besides the one that is corrected, N/s.

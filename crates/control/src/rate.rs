@@ -20,6 +20,11 @@ const WINDOW: f64 = 3.0;
 /// Slowest load cell that is accepted, with a factor of two for an estimate from few changes, conversions/s. Rarer changes are a drift.
 const SLOWEST_HZ: f64 = 5.0 / 2.0;
 
+/// Number of changes, each one step in the same direction, that show a ramp without noise, such as a drift: of independent readings so many are
+/// one case in 5000. And the largest of them, in the smallest: a reading is rounded.
+const RAMP_LEAST: f64 = 6.0;
+const RAMP_STEP_MOST: f64 = 1.5;
+
 /// Number of readings, and their time, after which coarse steps hide the rate, s: a cell of 5 Hz changes some fifty times in it.
 const LOOKS_MOST: usize = 4000;
 const LOOK_MOST_S: f64 = 30.0;
@@ -44,7 +49,8 @@ impl ShownRate {
         let new = readings.windows(2).filter(|pair| is_new(pair)).count() as f64;
         let took_s = last.at_s - first.at_s;
         let (step, differ) = steps_of(readings);
-        if step <= STEP_MOST && new < NEW_LEAST * pairs && (new / took_s).is_finite() {
+        let climbs = climbs(readings);
+        if !climbs && step <= STEP_MOST && new < NEW_LEAST * pairs && (new / took_s).is_finite() {
             return ShownRate::Slower(new / took_s);
         }
         // independent readings differ from the one before as often as from any other
@@ -54,10 +60,12 @@ impl ShownRate {
         if !is_rare || MainsInterference::find(readings, conversion_s).is_some() {
             return ShownRate::AsRead;
         }
-        if is_held(readings) {
+        if !climbs && is_held(readings) {
             return ShownRate::Slower(rate_hz);
         }
-        let is_enough = readings.len() >= LOOKS_MOST || took_s >= LOOK_MOST_S;
+        // the steps of a ramp show how fast it is, not how often it is read
+        let is_ramp = climbs && new >= RAMP_LEAST;
+        let is_enough = is_ramp || readings.len() >= LOOKS_MOST || took_s >= LOOK_MOST_S;
         if is_enough { ShownRate::AsRead } else { ShownRate::Unclear }
     }
 }
@@ -72,6 +80,16 @@ fn steps_of(readings: &[ForceReading]) -> (f64, f64) {
     let steps = codes.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_n| *step_n > 0.0);
     let step_n = steps.fold(f64::INFINITY, f64::min);
     (step_n / variance.sqrt(), 1.0 - agreeing(&codes))
+}
+
+/// Whether each change is one step, all in the same direction. A slow cell with noise goes both ways, and one that drifts by more than a step in
+/// its time makes steps of different sizes.
+fn climbs(readings: &[ForceReading]) -> bool {
+    let changes: Vec<f64> =
+        readings.windows(2).map(|pair| pair[1].force_n - pair[0].force_n).filter(|change_n| *change_n != 0.0).collect();
+    let least_n = changes.iter().fold(f64::INFINITY, |least_n, change_n| least_n.min(change_n.abs()));
+    let is_up = changes.first().is_some_and(|change_n| *change_n > 0.0);
+    changes.iter().all(|change_n| (*change_n > 0.0) == is_up && change_n.abs() < RAMP_STEP_MOST * least_n)
 }
 
 /// Whether changes keep a distance of one conversion from each other, which a cell does that holds each conversion until the next one. Changes of
@@ -186,5 +204,28 @@ mod tests {
         };
         assert_eq!(of(&|at_s| 0.0015 * (TAU * 50.0 * at_s).sin()), ShownRate::AsRead);
         assert_eq!(of(&|at_s| 0.0005 * at_s), ShownRate::AsRead);
+    }
+
+    #[test]
+    fn a_ramp_without_noise_is_no_slow_cell() {
+        let of = |hz: f64, held_hz: f64, n_s: f64, seconds: f64| {
+            let reading = |nth: u32| {
+                let at_s = f64::from(nth) / hz;
+                let converted_s = (at_s * held_hz + 1e-6).floor() / held_hz;
+                let force_n = 0.001 * (n_s * converted_s / 0.001).round();
+                ForceReading { at_s, force_n, side_n: None, health: Health::default() }
+            };
+            let readings: Vec<ForceReading> = (0..(seconds * hz) as u32).map(reading).collect();
+            ShownRate::of(&readings, 1.0 / hz)
+        };
+        for n_s in [0.001, -0.004, 0.0067, 0.013, -0.020] {
+            for hz in [80.0, 200.0, 1000.0] {
+                let short = of(hz, hz, n_s, 0.5);
+                assert!(matches!(short, ShownRate::AsRead | ShownRate::Unclear), "{n_s} N/s at {hz} Hz: {short:?}");
+                assert_eq!(of(hz, hz, n_s, 9.0), ShownRate::AsRead, "{n_s} N/s at {hz} Hz");
+            }
+        }
+        // 1.3 steps in each conversion
+        assert!(matches!(of(80.0, 10.0, 0.013, 9.0), ShownRate::Slower(_)));
     }
 }

@@ -16,6 +16,9 @@ pub struct Trip {
     pub limit: f64,
     /// Unit of both values.
     pub unit: String,
+    /// What else is known of the cause, in words; `None` if nothing is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub known: Option<String>,
 }
 
 /// Declares the rules: `Rule, "name in files and messages", doubts_load_cell: ..., "first thing to check"`. The comment of a rule is its
@@ -66,6 +69,9 @@ rules! {
     /// The cell returns the same value again and again.
     Frozen, "frozen", doubts_load_cell: true,
         "check that the transmitter still converts; reconnect the load cell";
+    /// The cell repeated one value under load, and reads less since the load is gone.
+    Saturated, "saturated", doubts_load_cell: false,
+        "the load cell can't read more than this: check that its range is larger than the force limit and its reading without load together";
     /// The cell or its transmitter reports overload or a fault.
     Unhealthy, "unhealthy", doubts_load_cell: true,
         "check that the load cell is within its range and its cable is undamaged";
@@ -86,7 +92,7 @@ rules! {
         "check the load cell's range, because its count turns around at its end, and its supply and cable, because its zero or gain may have changed";
     /// The zero drifts so fast that it moves by a fifth of the force limit in a press.
     Drifts, "drifts", doubts_load_cell: true,
-        "let the load cell warm up, away from drafts and motors; a drift in proportion to a larger force limit passes";
+        "let the load cell warm up, away from drafts and motors";
     /// The noise without load is too large a part of the force limit.
     Noisy, "noisy", doubts_load_cell: true,
         "check the cell for vibration, and that its range suits this force limit";
@@ -134,7 +140,7 @@ rules! {
         "check whether the indenter sticks, or the surface is higher than measured before";
     /// The force isn't reached within the permitted depth or force.
     OutOfReach, "out-of-reach", doubts_load_cell: false,
-        "check whether the specimen is softer than expected, `limits.depth_mm` is too small for this force, or the force is within \
+        "check whether the load cell reads too little (`palpate doctor --check-weight-n`), the specimen is softer than expected, `limits.depth_mm` is too small for this force, or the force is within \
          `stiffness_n_mm` times a few `step_mm.z` of `limits.force_n`; \
          for its way back in one motion, a ramp needs a smaller force or a smaller `limits.stiffness_n_mm`";
     /// The force isn't reached in the permitted number of steps.
@@ -187,18 +193,25 @@ rules! {
 impl Trip {
     /// Creates a broken rule with its numbers.
     pub fn new(rule: SafetyRule, measured: f64, limit: f64, unit: &str) -> Self {
-        Trip { rule, measured, limit, unit: unit.to_owned() }
+        Trip { rule, measured, limit, unit: unit.to_owned(), known: None }
+    }
+
+    /// Returns it with what else is known of the cause, which the message states before what to check.
+    #[must_use]
+    pub fn with(self, known: String) -> Self {
+        Trip { known: Some(known), ..self }
     }
 }
 
 impl std::fmt::Display for Trip {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Trip { rule, measured, limit, unit } = self;
+        let Trip { rule, measured, limit, unit, known } = self;
+        let known = known.iter().map(|known| format!("{known}; ")).collect::<String>();
         if unit.contains("readings") {
             let digits = if measured.fract() == 0.0 { 0 } else { 1 };
-            return write!(f, "{}: {measured:.digits$} {unit}, limit {limit:.0}; {}", rule.name(), rule.check());
+            return write!(f, "{}: {measured:.digits$} {unit}, limit {limit:.0}; {known}{}", rule.name(), rule.check());
         }
-        write!(f, "{}: {measured:.4} {unit}, limit {limit:.4} {unit}; {}", rule.name(), rule.check())
+        write!(f, "{}: {measured:.4} {unit}, limit {limit:.4} {unit}; {known}{}", rule.name(), rule.check())
     }
 }
 

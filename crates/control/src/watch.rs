@@ -131,6 +131,11 @@ impl Watch {
         self.equal
     }
 
+    /// Last reading, N as the cell reads; `None` before one.
+    pub fn last_code(&self) -> Option<f64> {
+        self.last_code
+    }
+
     /// Mean that is compared with the limits, N; `None` before two readings.
     pub fn mean_n(&self) -> Option<f64> {
         let count = self.recent.len();

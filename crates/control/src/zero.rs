@@ -27,6 +27,11 @@ const NOISE_LEAST_N: f64 = 0.001;
 /// Least force that counts as contact, N.
 pub(crate) const DETECT_LEAST_N: f64 = 0.030;
 
+/// Noise of equal readings by the rounding of numbers, N. And the step that a cell may have that didn't show one, N: a sixth of the least force
+/// that counts as contact.
+const NO_NOISE_N: f64 = 1e-9;
+const UNKNOWN_STEP_N: f64 = 0.005;
+
 /// Least force of a single reading that counts as contact, in sd of the noise.
 pub(crate) const DETECT_SIGMAS: f64 = 8.0;
 
@@ -136,6 +141,16 @@ impl Zero {
     /// Force of a reading, N from the zero.
     pub fn from_zero_n(&self, reading: &ForceReading) -> f64 {
         reading.force_n - self.at_n(reading.at_s)
+    }
+
+    /// Largest difference of two means by the cell's steps, N: with less noise than a step, a mean is rounded like a reading. A cell that repeated
+    /// one reading hasn't shown its step.
+    pub fn rounding_n(&self) -> f64 {
+        match (self.sigma_n < NO_NOISE_N, self.sigma_n < self.step_n) {
+            (true, _) => self.step_n.max(UNKNOWN_STEP_N),
+            (false, true) => self.step_n,
+            (false, false) => 0.0,
+        }
     }
 
     /// Time after which a reading is old, s.
@@ -259,6 +274,12 @@ mod tests {
         assert!((zero.at_n(12.0) - 0.52).abs() < 1e-12);
         let reading = ForceReading { at_s: 12.0, force_n: 1.52, side_n: None, health: Health::default() };
         assert!((zero.from_zero_n(&reading) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn means_of_a_cell_without_noise_differ_by_its_step() {
+        let of = |sigma_n, step_n| Zero { step_n, ..Zero::with_noise(sigma_n) }.rounding_n();
+        assert_eq!([of(0.003, 0.001), of(0.0004, 0.001), of(1e-18, 0.0)], [0.0, 0.001, 0.005]);
     }
 
     #[test]

@@ -14,6 +14,9 @@ const NO_LOAD_MAX: usize = 4096;
 /// Least time of the readings without load, s, so that its mean is almost as good as a window's.
 const NO_LOAD_LEAST_S: f64 = 0.05;
 
+/// Range of a uniform distribution, in sd.
+const UNIFORM: f64 = 3.464_101_615_137_754_6;
+
 /// Newest readings of the cell without load, collected as they arrive.
 #[derive(Debug, Default)]
 pub(super) struct NoLoadForces {
@@ -38,13 +41,15 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
         if self.line.is_some() {
             self.cell.largest.count_from(&before, &zero);
         }
+        self.first_zero.get_or_insert((zero.at_s, zero.offset_n));
         self.watch = Watch::new(limits, zero);
         self.line = Some(line);
     }
 
     /// Makes forces relative to this air, and to the drift that all air so far has shown, which it states.
     pub(super) fn count_from(&mut self, no_load: &mut NoLoadReadings) {
-        let sigma_n = self.watch.zero().sigma_own_n(no_load.readings);
+        let zero = self.watch.zero();
+        let sigma_n = zero.sigma_own_n(no_load.readings).hypot(zero.rounding_n() / UNIFORM);
         let drift = self.line.as_mut().map(|line| {
             *line = line.read(no_load.at_s, no_load.mean_n, sigma_n);
             line.lasting()

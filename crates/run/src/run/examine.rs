@@ -10,7 +10,7 @@ use super::rig_control::AnyRigControl;
 use super::shown::{ShownBy, finger, press};
 use super::{Cancel, Halt};
 use crate::rig::RigSpec;
-use palpate_control::{Glitches, Permit, Reaction, Trip, Zero};
+use palpate_control::{Drift, Glitches, Permit, Reaction, Trip, Zero, ZeroLine};
 use palpate_core::quantity::{Axis, ForceReading};
 use palpate_data::dataset::MonitorValue;
 use palpate_drivers::lines::{ForceCounts, PAGE_PORT};
@@ -24,6 +24,9 @@ const TIMED: usize = 200;
 /// Least number of readings without load for the zero, and least time for them, s.
 const ZERO_READINGS: usize = 200;
 const ZERO_S: f64 = 1.0;
+
+/// Further time of readings that show the rate of the zero, s. A run corrects a rate that was read for 8 s.
+const DRIFT_S: f64 = 8.0;
 
 /// Result of an examination of a rig, without pressing.
 #[derive(Debug, Default)]
@@ -76,6 +79,8 @@ pub enum ForceCheck<'a> {
 pub struct NoLoadCell {
     /// Zero of the load cell, and its noise.
     pub zero: Zero,
+    /// Rate of the zero, from more readings.
+    pub drift: Drift,
     /// Number of readings.
     pub readings: usize,
     /// Fraction of the readings that differ from the reading before.
@@ -204,7 +209,8 @@ async fn look(
         let fastest = permit.approach_speed_mm_s(spec.limits.force_n);
         found.approach_mm_s = Some(fastest.min(spec.stage.speed_mm_s));
         found.reaction = Some(reaction);
-        if let Err(trip) = check_no_load(&no_load.zero, spec) {
+        let passes = no_load.drift.passes(spec.limits.force_n);
+        if let Err(trip) = check_no_load(&no_load.zero, spec).and(passes) {
             found.no_load = Some(Err(trip));
         }
     }
@@ -219,10 +225,15 @@ async fn without_load(
         Err(Halt::Tripped(trip)) => return Ok(Err(trip)),
         readings => readings?,
     };
+    let later = match rig_control.cell.sound_readings(ZERO_READINGS, DRIFT_S).await {
+        Err(Halt::Tripped(trip)) => return Ok(Err(trip)),
+        later => later?,
+    };
     let fresh = readings.windows(2).filter(|pair| pair[0].force_n != pair[1].force_n).count();
     let outputs_sigma_v = if has_array { Some(spread_v(&mut rig_control.array).await?) } else { None };
     let no_load = NoLoadCell {
         zero: Zero::of(&readings, rig_control.cell.cell.conversion().as_secs_f64()),
+        drift: ZeroLine::of(&[readings.as_slice(), &later].concat()).drift(),
         readings: readings.len(),
         fresh_share: fresh as f64 / (readings.len() - 1) as f64,
         outputs_sigma_v,

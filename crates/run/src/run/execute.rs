@@ -170,7 +170,7 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
                 checks: Checking::default(),
             };
             ending.halt = match runner.begin(past, devices, &zero).await.err() {
-                Some(Halt::Tripped(trip)) => Some(runner.rig_control.cell.unless_it_drifts(trip).await.into()),
+                Some(Halt::Tripped(trip)) => Some(runner.rig_control.cell.real_cause(trip).await.into()),
                 halt => halt,
             };
             ending.glitches = runner.rig_control.cell.glitches();
@@ -180,7 +180,14 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
             let is_fault = ending.halt.as_ref().is_some_and(Halt::is_fault);
             let park_mm = if is_fault { spec.top_mm() } else { runner.park_mm() };
             let pressed_n = runner.rig_control.largest().map_or(0.0, |largest| largest.force_n);
+            let at_trip = runner.rig_control.cell.at_trip(ending.halt.as_ref());
             ending.unparked = runner.rig_control.leave(ending.halt.as_ref(), park_mm, &spec.limits).await.err();
+            if let (Some(at_trip), None) = (at_trip, &ending.unparked)
+                && let Some(trip) = runner.rig_control.cell.after_leaving(at_trip).await
+            {
+                ending.halt = Some(trip.into());
+                note_trip(runner.ledger, &ending, runner.pressing, peaks, clock.now_s());
+            }
             // nothing else tells of a force on the way to park, which is no part of a press
             let most_n = pressed_n.max(LAST_RESORT_SHARE * spec.limits.force_n);
             let over_n =

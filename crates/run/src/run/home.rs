@@ -1,6 +1,7 @@
 //! Homing of the stage before there is a zero: identify it, confirm the direction of z, home it, move z to the top. The cell is
 //! read all the time.
 
+use super::causes::DRIFT_LOOK_S;
 use super::motion::watched;
 use super::no_load_outputs::NoLoadOutputs;
 use super::retraction::unless_it_rises;
@@ -81,7 +82,7 @@ pub(super) async fn at_home<'a>(
             Ok(()) => Ok(identity),
             Err(Unmoved::Stage(error)) => Err(error),
             Err(Unmoved::Halted(Halt::Tripped(trip))) => {
-                return Err(rig_control.cell.unless_it_drifts(trip).await.into());
+                return Err(rig_control.cell.real_cause(trip).await.into());
             }
             Err(Unmoved::Halted(halt)) => return Err(halt),
         },
@@ -481,7 +482,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let (moved_n, between_s) = (there.offset_n - here.offset_n, taken.elapsed().as_secs_f64());
         if let Err(trip) = permit.nothing_in_contact(moved_n, sigma_n, between_s) {
             // a fast drift moves it too, and is seen at rest
-            let Zero { drift, .. } = self.cell.still().await.ok_or(trip)?;
+            let (Zero { drift, .. }, _) = self.cell.still(DRIFT_LOOK_S).await.ok_or(trip)?;
             let sigma_n = sigma_n.hypot(drift.sigma_n_s * between_s);
             permit.nothing_in_contact(moved_n - drift.rate_n_s * between_s, sigma_n, between_s)?;
         }

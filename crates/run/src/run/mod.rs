@@ -3,6 +3,7 @@
 //! [`palpate_control`] decides; this module carries out the decisions. It prints nothing, but informs a [`Listener`] of all
 //! events.
 
+mod after_leaving;
 mod again;
 mod air;
 mod align;
@@ -17,6 +18,7 @@ mod drag;
 mod examine;
 mod execute;
 mod feel;
+mod felt_by_array;
 mod findings;
 mod home;
 mod last_resort;

@@ -315,6 +315,7 @@ impl Runner<'_> {
                         // the array may have felt it
                         self.rig_control.check_outputs_rest(&mut known, &self.conditions.spec.array).await?;
                     }
+                    let trip = self.rig_control.as_array_feels(trip, self.conditions.spec.array.range_v).await;
                     return Err(self.rig_control.cell.at_first_touch(trip).await.into());
                 }
             };
@@ -353,7 +354,8 @@ impl Runner<'_> {
         let mut newer = self.rig_control.end_no_load().await?;
         let zero = self.rig_control.cell.watch.zero();
         let sigma_n = zero.sigma_mean_n(newer.force.readings);
-        if Permit::is_drift(newer.force.mean_n - zero.at_n(newer.force.at_s), sigma_n, age_s, zero.drift) {
+        let moved_n = (newer.force.mean_n - zero.at_n(newer.force.at_s)).abs() - zero.rounding_n();
+        if Permit::is_drift(moved_n.max(0.0), sigma_n, age_s, zero.drift) {
             *no_load_s = self.rig_control.cell.now_s() - newer.force.age_s;
             self.rig_control.count_from(&mut newer);
             *no_load = newer;

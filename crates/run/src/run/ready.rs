@@ -6,7 +6,7 @@ use super::home::{AtHome, at_home};
 use super::rig_control::AnyRigControl;
 use super::{Cancel, Halt};
 use crate::rig::{OpenRig, RigSpec};
-use palpate_control::{Drift, Reaction, SafetyRule, ShownRate, Timing, Trip, Zero};
+use palpate_control::{Reaction, SafetyRule, ShownRate, Timing, Trip, Zero};
 use palpate_core::quantity::{Axis, ForceReading, Range};
 use palpate_data::dataset::Record;
 use palpate_link::device::{Identity, LoadCell, MotionOrders, Stage};
@@ -118,11 +118,8 @@ async fn zero_of(
     if zero.sigma_n > most_n {
         return Err(Trip::new(SafetyRule::Noisy, zero.sigma_n, most_n, "N").into());
     }
-    let (rate_n_s, most_n_s) = (zero.drift.rate_n_s, Drift::most_n_s(conditions.spec.limits.force_n));
-    if rate_n_s.abs() > most_n_s {
-        return Err(Trip::new(SafetyRule::Drifts, rate_n_s, most_n_s, "N/s").into());
-    }
-    check_no_load(&zero, conditions.spec)?;
+    zero.drift.passes(conditions.spec.limits.force_n)?;
+    check_no_load(&zero, conditions.spec).map_err(|trip| rig_control.cell.since_first_zero(trip, &zero))?;
     rig_control.cell.zero(&conditions.spec.limits, zero, readings);
     rig_control.begin_no_load();
     let outputs = rig_control.end_no_load().await?.outputs;

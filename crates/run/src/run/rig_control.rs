@@ -179,6 +179,11 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
         common(&self.no_load_sigmas) / f64::from(NO_LOAD_OUTPUTS).sqrt()
     }
 
+    /// Standard deviation of one reading of each output without load.
+    pub(super) fn no_load_sigmas(&self) -> &[f64] {
+        &self.no_load_sigmas
+    }
+
     /// Returns the true events since the last call, in a simulated run.
     pub(super) fn press_truth(&self) -> Option<PressTruth> {
         let truth = self.truth.take()?;

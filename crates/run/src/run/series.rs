@@ -182,6 +182,11 @@ impl LargestReading {
         }
     }
 
+    /// States that the largest reading was the end of the cell's range.
+    pub(super) fn is_the_end(&mut self) {
+        self.reading.iter_mut().for_each(|(_, is_end)| *is_end = true);
+    }
+
     /// Keeps the forces when they count from another zero.
     pub(super) fn count_from(&mut self, before: &Zero, now: &Zero) {
         let by_n = now.at_n(self.at_s) - before.at_n(self.at_s);

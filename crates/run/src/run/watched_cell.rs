@@ -37,6 +37,8 @@ pub(super) struct WatchedLoadCell<'a, C> {
     pub believed: Option<Believed>,
     /// Line of the zero over time; `None` before there is a zero.
     pub(super) line: Option<ZeroLine>,
+    /// Time and reading of the first zero, s and N; `None` before there is one.
+    pub(super) first_zero: Option<(f64, f64)>,
     /// Largest reading before those that are doubted.
     known_largest: Option<LargestReading>,
     /// Change of the force at once that doubted readings have shown since the press began, N.
@@ -77,6 +79,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             no_load,
             believed: None,
             line: None,
+            first_zero: None,
             read_s: 0.0,
             changed_n: None,
             known_largest: None,
