@@ -152,10 +152,13 @@ fn no_check_comes_inside_a_characterisation_or_a_rest() {
 #[test]
 fn changed_load_cell_or_sensor_leaves_the_verdict_undecided() {
     let rig = shipped_text("rigs/sim.toml");
-    let less = rig.replacen("noise_n = 0.003 }", "noise_n = 0.003, gain_error_percent = -30.0 }", 1);
+    let gain = |percent: &str| {
+        rig.replacen("noise_n = 0.003 }", &format!("noise_n = 0.003, gain_error_percent = {percent} }}"), 1)
+    };
+    let (more, less) = (gain("30.0"), gain("-30.0"));
     let other = rig.clone() + "\n[[scene.taxel_fault]]\nunit = 5\nkind = \"drifted\"\ngain_percent = -95.0\n";
     for (world, what) in
-        [(&less, "outputs for each newton differ by"), (&other, "the pattern of the outputs differs by")]
+        [(&more, "outputs for each newton differ by"), (&other, "the pattern of the outputs differs by")]
     {
         assert_ne!(*world, rig);
         let bench = TestFolder::with([("r.toml", TINY)]);
@@ -173,6 +176,13 @@ fn changed_load_cell_or_sensor_leaves_the_verdict_undecided() {
         assert!(output.out.contains("NOT DECIDED") && output.err.contains("check failed at the end"), "{}", output.err);
         bench.palpate_ends(0, "verify run");
     }
+    // a cell that reads less would press harder: the next press finds it, with half the force at a known place
+    let bench = TestFolder::with([("r.toml", TINY)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 2);
+    change_the_world(&bench, "run", &less);
+    let output = bench.palpate_ends(4, "resume run");
+    assert!(output.err.contains("softer-than-taught: 0.4") && output.err.contains("limit 0.5000 N"), "{}", output.err);
 }
 
 #[test]
