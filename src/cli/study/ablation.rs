@@ -24,10 +24,10 @@ fn summary(found: &AblationFindings, out: &Path) -> String {
     let mut text = format!(
         "Each term off and on, all else as in rigs/paper.toml; on minus off, and half of\n\
          its 95 % interval over {seeds} seeds. *: part of the base; blank: can't have an effect\n\n\
-         mean error of {tests} contacts on ±6 mm, calibrated with 1 N at {} places\n",
+         mean error (mm, mN) of {tests} contacts on ±6 mm, calibrated by 1 N at {} places\n",
         side * side
     );
-    let heads = ["paper mm", "mN", "surrogate mm", "mN", "physics mm", "mN"];
+    let heads = ["paper", "mN", "surrogate", "mN", "physics", "mN"];
     text += &effects(found, &QUESTIONS[..6], &heads, None);
     text += "\nTable 1, mean over units, % of full scale; time of a reading of all units, ns\n";
     let heads = ["loading", "unloading", "hysteresis"];
@@ -73,8 +73,10 @@ fn named(term: &SceneTerm) -> String {
 fn cell(found: &AblationFindings, term: &str, question: &Question) -> String {
     let text = |row: &TermRow| {
         let within = shown(row.effect.within, question);
-        let difference = shown(row.effect.difference, question);
-        let sign = if row.effect.difference < 0.0 { "" } else { "+" };
+        // there is no room for a zero before the point
+        let difference = shown(row.effect.difference.abs(), question);
+        let difference = if difference.starts_with("0.") { &difference[1..] } else { &difference };
+        let sign = if row.effect.difference < 0.0 { "-" } else { "+" };
         // tenths mean nothing in a wide interval
         let within = match within.split_once('.') {
             Some(("0", _)) => &within[1..],
