@@ -45,7 +45,7 @@ pub(crate) fn quantity(choice: Option<QuantityChoice>) -> SolvedQuantity {
 /// A safety rule whose alarm a person may call false.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SoundRule {
-    /// The outputs for each newton, or their pattern, differ from those of earlier presses.
+    /// Outputs differ from earlier presses.
     OutputsDiffer,
 }
 

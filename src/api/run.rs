@@ -54,10 +54,10 @@ pub struct ResumeOptions {
     /// Continue after a safety trip, once you have found its cause
     #[arg(long)]
     pub after_trip: bool,
-    /// Continue after a trip by this rule, because you found the press sound: it is flagged
+    /// Repeat and flag a press that this rule stopped falsely
     #[arg(long, value_name = "RULE", conflicts_with = "after_trip")]
     pub sound: Option<SoundRule>,
-    /// With --sound: the rule compares no press from this one on
+    /// With --sound: compare no later press
     #[arg(long, requires = "sound")]
     pub from_here: bool,
     /// How the rig is driven and its data are kept.

@@ -11,11 +11,9 @@ const EXAMPLES: &str = "\
 Examples:
   palpate resume runs/paper
   palpate resume runs/paper-3 --after-trip
-  palpate resume runs/paper-3 --sound outputs-differ
 
-The devices are identified again, and three places are touched again: the run
-continues only if they haven't moved. An interrupted staircase is repeated
-from its start. A complete run is not changed.";
+Devices are identified and three places touched again. The run continues only
+if they haven't moved. A complete run stays unchanged.";
 
 /// Continue a run that was stopped
 #[derive(Debug, clap::Args)]

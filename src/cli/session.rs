@@ -24,10 +24,10 @@ pub(super) struct SessionArgs {
     /// Print one JSON line for each row when it is stored on disk
     #[arg(long)]
     pub json: bool,
-    /// Print every figure at the end, not only those that fit on a screen
+    /// Print every figure at the end, also those beyond a screen
     #[arg(long)]
     pub full: bool,
-    /// Methods that solve the test presses: those of the recipe and the best one, or the recipe's alone
+    /// Methods that solve the test presses: the recipe's and the best, or the recipe's alone
     #[arg(long, value_name = "METHODS", value_enum, default_value_t)]
     pub evaluate: EvaluateChoice,
     /// Whether the report follows without a command.

@@ -98,7 +98,7 @@ fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> MachineDraw {
         softest: Softest {
             declared_n_mm: None,
             learned_curve: map.learned_curve(place),
-            doubted: map.doubted(place, task.most_n()),
+            doubted: map.doubted(place, task.most_n()).map(|known| (known, 1.13 * task.most_n())),
         },
         clear_mm: expected.first_mm - rng.random_range(0.05..0.5),
         approach_mm_s: 2.0,

@@ -176,13 +176,14 @@ fn changed_load_cell_or_sensor_leaves_the_verdict_undecided() {
         assert!(output.out.contains("NOT DECIDED") && output.err.contains("check failed at the end"), "{}", output.err);
         bench.palpate_ends(0, "verify run");
     }
-    // a cell that reads less would press harder: the next press finds it, with half the force at a known place
+    // a cell that reads less would press harder: the next press finds it
     let bench = TestFolder::with([("r.toml", TINY)]);
     bench.palpate_ends(0, "run r.toml --out run");
     cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 2);
     change_the_world(&bench, "run", &less);
     let output = bench.palpate_ends(4, "resume run");
-    assert!(output.err.contains("softer-than-taught: 0.4") && output.err.contains("limit 0.5000 N"), "{}", output.err);
+    assert!(output.err.contains("safety trip: softer-than-taught: "), "{}", output.err);
+    assert_eq!(bench.manifest("run")["presses_done"], 2, "at the next press");
 }
 
 #[test]

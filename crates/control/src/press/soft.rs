@@ -21,14 +21,10 @@ pub struct Softest {
     pub declared_n_mm: Option<f64>,
     /// Information from the presses around; `None` if there are too few.
     pub learned_curve: Option<LearnedCurve>,
-    /// Stiffness of an earlier press, beyond which the force is doubted; `None` if the places around predict it, or if the load cell has
-    /// just shown that it measures the force.
-    pub doubted: Option<KnownSoftness>,
+    /// An earlier press, and the force, N, at whose depth by this press a force is doubted; `None` if the places around predict the force,
+    /// or if the load cell has just shown that it measures it.
+    pub doubted: Option<(KnownSoftness, f64)>,
 }
-
-/// Ratio of the force by the stiffest press so far to the set force at which a force is doubted. Places of sound specimens differ by less,
-/// except at free edges, and there a doubt costs two seconds.
-const DOUBTED: f64 = 1.13;
 
 impl ForceLoop {
     /// Whether this is the first press of a specimen whose least stiffness is declared. Such a press goes in steps, with any
@@ -89,8 +85,8 @@ impl ForceLoop {
         let is_first = self.level == self.first_loaded() && self.level().is_some_and(|(_, level)| is_force(level));
         // a gain that is wrong doesn't change where the force is zero
         match (self.context.softest.doubted, self.touched_mm()) {
-            (Some(known), Some(touched_mm)) if is_first => {
-                touched_mm + known.depth_mm(DOUBTED * self.level_n()) + self.read_back_mm()
+            (Some((known, doubted_n)), Some(touched_mm)) if is_first => {
+                touched_mm + known.depth_mm(doubted_n) + self.read_back_mm()
             }
             _ => f64::INFINITY,
         }

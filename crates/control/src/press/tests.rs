@@ -94,7 +94,11 @@ impl PressBench {
             softest: Softest {
                 declared_n_mm: self.least_n_mm,
                 learned_curve: self.map.learned_curve(self.place),
-                doubted: self.map.doubted(self.place, force_set_n).filter(|_| self.doubts),
+                doubted: self
+                    .map
+                    .doubted(self.place, force_set_n)
+                    .filter(|_| self.doubts)
+                    .map(|known| (known, 1.13 * force_set_n)),
             },
             clear_mm: -0.5,
             approach_mm_s: 2.0,

@@ -331,7 +331,7 @@ keys! {
             value: Number(OFFSET), Allowed, "offset added to the load cell's readings; without it -0.5 N", "-0.5";
         }
         lost_gain = "lost-gain" {
-            value: Number(within(0.0, 1.0, "")), Allowed, "factor by which the load cell's readings fall; without it 0.5", "0.65";
+            value: Number(within(0.0, 10.0, "times")), Allowed, "factor on the load cell's readings; without it 0.5", "0.65";
         }
         rolls_over = "rolls-over" {
             value: Number(FORCE), Allowed, "reading above which the load cell's count turns negative; without it 0.8 N", "0.8";

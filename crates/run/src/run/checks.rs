@@ -2,6 +2,7 @@
 
 use super::Halt;
 use super::check_weight::{CellAfter, Weighing, weigh};
+use super::doubt::DOUBTED;
 use super::execute::{Runner, Standby};
 use super::past::felt;
 use palpate_control::{Changed, MeasuredContact, PressTask, SetPoint, Strategy};
@@ -257,9 +258,9 @@ impl Runner<'_> {
         self.rig_control.retract(self.park_mm()).await?;
         self.standby = None;
         // a change is what the check measures
-        self.force_is_shown = true;
+        self.doubts_over = None;
         let made = self.again_if_missed(async |runner: &mut Runner<'_>| runner.press(entry, next).await).await;
-        self.force_is_shown = false;
+        self.doubts_over = Some(DOUBTED);
         let mut contact = made?;
         let number = self.checks.made;
         contact.press = number;

@@ -4,12 +4,27 @@ use super::Halt;
 use super::checks::HalfPress;
 use super::execute::Runner;
 use super::press::Pressed;
-use palpate_control::{SafetyRule, Trip};
+use palpate_control::{KnownSoftness, SafetyRule, Trip};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{Record, Retouch};
 use palpate_data::recipe::Entry;
 
+/// Ratio of the force by the stiffest press so far to the set force at which a force is doubted. Places of sound specimens differ by less,
+/// except at free edges, and there a doubt costs two seconds.
+pub(super) const DOUBTED: f64 = 1.13;
+/// The same while a known press is repeated with half its force: it goes no deeper than that press did.
+const REPEATED: f64 = 2.0;
+/// Least force that is doubted, as a fraction of the limit. Less does no harm, and errors of the touch are a large part of its depth.
+const DOUBTED_LEAST: f64 = 0.5;
+
 impl Runner<'_> {
+    /// Returns the press by which a force is doubted, and the force at whose depth it is.
+    pub(super) fn doubted(&self, place: Place, force_set_n: f64) -> Option<(KnownSoftness, f64)> {
+        let known = self.map.doubted(place, force_set_n)?;
+        let least_n = DOUBTED_LEAST * self.conditions.spec.limits.force_n;
+        Some((known, (self.doubts_over? * force_set_n).max(least_n)))
+    }
+
     /// Makes the contact of an entry. If its force is doubted, z leaves the contact, the press with which the checks are compared is
     /// repeated with half its force, and the contact is made again.
     pub(super) async fn undoubted_contact(&mut self, entry: &Entry, next: Place) -> Result<Pressed, Halt> {
@@ -17,9 +32,9 @@ impl Runner<'_> {
         let Some(trip) = self.doubt.take() else { return made };
         self.leave_unfinished().await?;
         self.show_force(entry, trip).await?;
-        self.force_is_shown = true;
+        self.doubts_over = None;
         let made = self.contact(entry.press, entry.place, &entry.task, next).await;
-        self.force_is_shown = false;
+        self.doubts_over = Some(DOUBTED);
         made
     }
 
@@ -31,7 +46,9 @@ impl Runner<'_> {
         let Some(HalfPress { entry: again, before, before_mm }) = self.checks.half(self.plan, entry.press) else {
             return Err(trip.into());
         };
+        self.doubts_over = Some(REPEATED);
         let pressed = self.contact(again.press, again.place, &again.task, entry.place).await;
+        self.doubts_over = Some(DOUBTED);
         self.doubt = None; // a doubt about this press is answered by its own trip
         let pressed = pressed?;
         let (t_s, place, known_mm) = (self.conditions.clock.now_s(), again.place, self.map.expect(again.place).z_mm);

@@ -3,6 +3,7 @@
 use super::check_weight::{Ask, CellAfter, KnownWeight};
 use super::checks::Checking;
 use super::clock::RunClock;
+use super::doubt::DOUBTED;
 use super::last_resort::LAST_RESORT_SHARE;
 use super::monitors::Monitors;
 use super::past::{Past, felt};
@@ -158,7 +159,7 @@ async fn execute_from(mut rig: OpenRig, job: RunJob<'_>, listener: &mut dyn List
                 response,
                 called_sound: Vec::new(),
                 doubt: None,
-                force_is_shown: false,
+                doubts_over: Some(DOUBTED),
                 reaction,
                 conditions,
                 pressing,
@@ -328,8 +329,9 @@ pub(super) struct Runner<'a> {
     pub called_sound: Vec<CalledSound>,
     /// Doubt about the force of the press under way.
     pub doubt: Option<Trip>,
-    /// Whether the load cell has just shown that it measures the force, or is about to.
-    pub force_is_shown: bool,
+    /// Ratio to the set force of the force at whose depth, by the stiffest press so far, a force is doubted; `None` where the load cell has
+    /// just shown that it measures the force.
+    pub doubts_over: Option<f64>,
 }
 
 impl Runner<'_> {

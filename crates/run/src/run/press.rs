@@ -403,7 +403,7 @@ impl Runner<'_> {
             softest: Softest {
                 declared_n_mm: self.conditions.spec.stiffness_least_n_mm,
                 learned_curve: self.map.learned_curve(place),
-                doubted: self.map.doubted(place, force_set_n).filter(|_| !self.force_is_shown),
+                doubted: self.doubted(place, force_set_n),
             },
             clear_mm: self.permit.travel_mm(first_mm),
             approach_mm_s: self.conditions.spec.stage.approach_mm_s,
