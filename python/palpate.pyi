@@ -466,6 +466,8 @@ def resume(
     rig: _Path | None = None,
     *,
     after_trip: bool = False,
+    sound: Literal["outputs-differ"] | None = None,
+    from_here: bool = False,
     pace: float | None = None,
     durability: Literal["full", "fast"] | None = None,
     confirmed: Sequence[Literal["down", "home", "clear"]] = (),
@@ -473,8 +475,9 @@ def resume(
     """Continues a run that was stopped, like `palpate resume`. Returns the events of the remaining presses.
 
     `rig` is the rig to continue with: links and commands of processes may differ, limits may be tighter. `after_trip` continues
-    after a safety trip, once you have found its cause. The events of a complete run are only `ended`. Raises `UsageError` for bad
-    input; nothing has moved then.
+    after a safety trip, once you have found its cause. `sound` repeats and flags a press that this rule stopped falsely; with
+    `from_here` it compares no later press. The events of a complete run are only `ended`. Raises `UsageError` for bad input; nothing
+    has moved then.
     """
 
 def evaluate(

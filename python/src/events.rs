@@ -99,24 +99,29 @@ pub fn run(
 /// Continues a run that was stopped, like `palpate resume`. Returns the events of the remaining presses.
 ///
 /// `rig` is the rig to continue with: links and commands of processes may differ, limits may be tighter. `after_trip` continues
-/// after a safety trip, once you have found its cause. `pace`, `durability` and `confirmed` are those of `run`. The events of a
-/// complete run are only `ended`.
+/// after a safety trip, once you have found its cause. `sound` repeats and flags a press that this rule stopped falsely; with
+/// `from_here` it compares no later press. `pace`, `durability` and `confirmed` are those of `run`. The events of a complete run are
+/// only `ended`.
 ///
 /// Raises `UsageError` for bad input; nothing has moved then. Warns of each difference from the rig with which the run began.
 #[pyfunction]
-#[pyo3(signature = (run, rig=None, *, after_trip=false, pace=None, durability=None, confirmed=Vec::new()))]
+#[pyo3(signature = (run, rig=None, *, after_trip=false, sound=None, from_here=false, pace=None, durability=None, confirmed=Vec::new()))]
+#[allow(clippy::too_many_arguments, reason = "each is a keyword in Python")]
 pub fn resume(
     py: Python<'_>,
     run: PathBuf,
     rig: Option<PathBuf>,
     after_trip: bool,
+    sound: Option<String>,
+    from_here: bool,
     pace: Option<f64>,
     durability: Option<String>,
     confirmed: Vec<String>,
 ) -> PyResult<PyEvents> {
     let resumed = || {
         let manner = manner(pace, durability, &confirmed)?;
-        let options = ResumeOptions { run, rig, after_trip, manner };
+        let sound = sound.map(|rule| api::choice("--sound", &rule)).transpose()?;
+        let options = ResumeOptions { run, rig, after_trip, sound, from_here, manner };
         let (resumed, notes) = noted(|note| api::resume(&options, note))?;
         let heard = match resumed {
             Resumed::Begun(begun) => RunEvents::start(*begun)?,

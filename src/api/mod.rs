@@ -43,8 +43,8 @@ pub use accept::AcceptOptions;
 pub use batch::batch_status;
 pub use certificate::{CertificateOptions, Certified, certificate};
 pub use choices::{
-    DurabilityChoice, EvaluateChoice, ExportChoice, QuantityChoice, ReadingsChoice, RepeatabilityChoice, choice,
-    strategy,
+    DurabilityChoice, EvaluateChoice, ExportChoice, QuantityChoice, ReadingsChoice, RepeatabilityChoice, SoundRule,
+    choice, strategy,
 };
 pub use columns::ColumnsOptions;
 pub use design::{FittedDesign, LeftOutSensors, Named, fit_design};
