@@ -106,7 +106,7 @@ pub fn run(
 /// Raises `UsageError` for bad input; nothing has moved then. Warns of each difference from the rig with which the run began.
 #[pyfunction]
 #[pyo3(signature = (run, rig=None, *, after_trip=false, sound=None, from_here=false, pace=None, durability=None, confirmed=Vec::new()))]
-#[allow(clippy::too_many_arguments, reason = "each is a keyword in Python")]
+#[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub fn resume(
     py: Python<'_>,
     run: PathBuf,
