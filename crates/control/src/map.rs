@@ -2,7 +2,7 @@
 
 use super::curve::{Curve, CurveShape};
 use super::learned_curve::{KnownSoftness, LearnedCurve, Rise, Rises, Sunk};
-use super::neighbours::nearest;
+use super::neighbours::{SAME_MM, nearest};
 use super::plane::BayesianPlane;
 use super::surface::{Expected, SurfaceMap};
 use palpate_core::quantity::{Limits, Place};
@@ -38,8 +38,6 @@ const SURPRISES: [f64; 2] = [0.8, 1.25];
 const SCALES: [f64; 2] = [0.3, 3.0];
 /// Number of shots that are remembered.
 const SHOTS_MAX: usize = 2048;
-/// Largest distance between two shots at the same place, mm.
-const HERE_MM: f64 = 0.02;
 /// Index of the neighbour whose distance is the reach of the weights, counted from 0.
 const REACH: usize = 5;
 /// Sd of one shot's scale about the local plane. The other constants are the sd of the plane's height and the sd of its slope,
@@ -230,7 +228,7 @@ impl ContactMap {
         let is_full = self.scales.len() >= SHOTS_MAX;
         let nearest = self.scales.iter_mut().min_by(|(a, _), (b, _)| distance_mm(a).total_cmp(&distance_mm(b)));
         match nearest {
-            Some(near) if distance_mm(&near.0) < HERE_MM => *near = (place, scale),
+            Some(near) if distance_mm(&near.0) < SAME_MM => *near = (place, scale),
             Some(near) if is_full => *near = (place, scale),
             _ => self.scales.push((place, scale)),
         }

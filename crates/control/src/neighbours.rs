@@ -26,10 +26,10 @@ const SCALE_MOST: f64 = 2.0;
 /// Limit of a difference, in sd, and least limit as a fraction. A smaller difference can be the specimen's.
 pub(super) const SIGMAS: f64 = 6.0;
 const LEAST: f64 = 0.25;
-/// The limit for a scatter that few misses have shown: normal quantile with a probability of 1e-6, either way.
-const RARE_SIGMAS: f64 = 4.9;
 /// The same for a difference from an earlier press at the same place. Sound runs of the campaigns reach 6 %.
 const LEAST_AGAIN: f64 = 0.15;
+/// The limit for a scatter that few misses have shown: normal quantile with a probability of 1e-6, either way.
+const RARE_SIGMAS: f64 = 4.9;
 
 /// Smoothness of a field of values over a specimen.
 #[derive(Clone, Copy, Debug)]

@@ -32,7 +32,12 @@ impl Runner<'_> {
         let Some(trip) = self.doubt.take() else { return made };
         self.leave_unfinished().await?;
         self.show_force(entry, trip).await?;
-        self.doubts_over = None;
+        self.contact_doubted_over(None, entry, next).await
+    }
+
+    /// Makes a contact whose force is doubted beyond another ratio than usual; `None`: beyond none.
+    async fn contact_doubted_over(&mut self, times: Option<f64>, entry: &Entry, next: Place) -> Result<Pressed, Halt> {
+        self.doubts_over = times;
         let made = self.contact(entry.press, entry.place, &entry.task, next).await;
         self.doubts_over = Some(DOUBTED);
         made
@@ -46,9 +51,7 @@ impl Runner<'_> {
         let Some(HalfPress { entry: again, before, before_mm }) = self.checks.half(self.plan, entry.press) else {
             return Err(trip.into());
         };
-        self.doubts_over = Some(REPEATED);
-        let pressed = self.contact(again.press, again.place, &again.task, entry.place).await;
-        self.doubts_over = Some(DOUBTED);
+        let pressed = self.contact_doubted_over(Some(REPEATED), &again, entry.place).await;
         self.doubt = None; // a doubt about this press is answered by its own trip
         let pressed = pressed?;
         let (t_s, place, known_mm) = (self.conditions.clock.now_s(), again.place, self.map.expect(again.place).z_mm);
